@@ -37,8 +37,8 @@ from tridentify.fleet.attempt import OnRecords
 from tridentify.fleet.job import Item
 from tridentify.fleet.places import Given
 from tridentify.fleet.store import Store
-from tridentify.workers.job import Limits
-from tridentify.workers.keeper import Keeper
+from tridentify.fleet.workers.job import Limits
+from tridentify.fleet.workers.keeper import Keeper
 
 TRUTH = np.array([1.0, 3.0, 0.5])
 SAMPLES, DT, NOISE, SPREAD = 250, 0.1, 0.1, 0.05

@@ -67,6 +67,7 @@ if TYPE_CHECKING:
     from tridentify.judgement.comparison import Comparison, compare
     from tridentify.judgement.selection import Selection, select_structure
     from tridentify.judgement.validation import Validation, validate
+    from tridentify.models.simulate import simulate
     from tridentify.options import from_options, list_options
     from tridentify.record.formats.frames import frame_from_record, record_from_frame
     from tridentify.record.formats.read import list_channels, read_record, read_records
@@ -74,7 +75,6 @@ if TYPE_CHECKING:
     from tridentify.record.formats.series import read_series
     from tridentify.record.long_record import LongRecord, open_record
     from tridentify.record.record import Record
-    from tridentify.simulate import simulate
     from tridentify.structure import Structure
     from tridentify.transfer_function import TransferFunction
 
@@ -193,7 +193,7 @@ _HOME = {
     "read_series": "record.formats.series",
     "select_structure": "judgement.selection",
     "record_from_frame": "record.formats.frames",
-    "simulate": "simulate",
+    "simulate": "models.simulate",
     "validate": "judgement.validation",
 }
 

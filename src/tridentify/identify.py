@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from tridentify.checks.orders import is_pair
 from tridentify.errors import (
     ConvergenceError,
     IdentifiabilityError,
@@ -31,6 +30,7 @@ from tridentify.judgement.long_record import identified
 from tridentify.judgement.selection.orders import default_candidates
 from tridentify.judgement.selection.select import select_structure
 from tridentify.numerics.threads import one_blas_thread
+from tridentify.record.checks.orders import is_pair
 from tridentify.record.long_record import LongRecord
 from tridentify.record.record import Record
 from tridentify.structure import AutoStructure, Structure

@@ -17,7 +17,18 @@ from typing import Any, Literal, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tridentify.checks.orders import (
+from tridentify.errors import (
+    BoundsError,
+    ChannelCountError,
+    OptionError,
+    OrderError,
+    ParameterNameError,
+    StaticGainError,
+    StructureError,
+    shown,
+)
+from tridentify.numerics.arrays import Array
+from tridentify.record.checks.orders import (
     Bounds,
     Equality,
     Gain,
@@ -33,17 +44,6 @@ from tridentify.checks.orders import (
     checked_priors,
     is_pair,
 )
-from tridentify.errors import (
-    BoundsError,
-    ChannelCountError,
-    OptionError,
-    OrderError,
-    ParameterNameError,
-    StaticGainError,
-    StructureError,
-    shown,
-)
-from tridentify.numerics.arrays import Array
 
 __all__ = ["AutoStructure", "InitialState", "Structure"]
 

@@ -13,14 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tridentify.checks.coefficients import (
-    channel_delays,
-    is_flat,
-    monic,
-    nested_coefficients,
-    stripped,
-)
-from tridentify.checks.samples import channel_names
 from tridentify.errors import (
     ChannelCountError,
     OptionError,
@@ -30,6 +22,14 @@ from tridentify.errors import (
 )
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.rational import rational_response, scaled_roots
+from tridentify.record.checks.coefficients import (
+    channel_delays,
+    is_flat,
+    monic,
+    nested_coefficients,
+    stripped,
+)
+from tridentify.record.checks.samples import channel_names
 from tridentify.writing import interop
 from tridentify.writing.layout import format_polynomial
 from tridentify.writing.notebook import fraction

@@ -23,8 +23,9 @@ from hypothesis import strategies as st
 import tridentify
 from tridentify import Record, Structure, TransferFunction, errors, online
 from tridentify.cli import stream_command, stream_session, stream_show
-from tridentify.cli.stream_session import Session, StreamQuestion
-from tridentify.record.formats.streams import sources
+from tridentify.cli.stream_question import StreamQuestion
+from tridentify.cli.stream_session import Session
+from tridentify.record.formats.streams import datagrams, sources
 from tridentify.record.formats.streams.header import Asked
 from tridentify.record.formats.streams.lines import LineCutter
 
@@ -652,9 +653,9 @@ def test_the_last_line_of_a_run_gives_its_number_to_what_follows(run, file, tmp_
 def test_dropped_datagrams_are_told_in_every_line_and_kept(run, file, tmp_path, monkeypatch):
     header, *rows = lines_of(file)
     kept, told = tmp_path / "kept.json", [3, 5]
-    monkeypatch.setattr(sources.UdpSource, "dropped", property(lambda _: told[0]))
+    monkeypatch.setattr(datagrams.UdpSource, "dropped", property(lambda _: told[0]))
     monkeypatch.setattr(
-        sources.UdpSource,
+        datagrams.UdpSource,
         "pieces",
         lambda _: iter([sources.Chunk("\n".join([header, *rows, ""]).encode(), 0)]),
     )
@@ -665,7 +666,7 @@ def test_dropped_datagrams_are_told_in_every_line_and_kept(run, file, tmp_path, 
     assert "3 datagrams were dropped" in first.err
     told[0] = 5
     monkeypatch.setattr(
-        sources.UdpSource,
+        datagrams.UdpSource,
         "pieces",
         lambda _: iter([sources.Chunk(b"30.0,1,0.5\n31.0,1,0.5\n", 0)]),
     )

@@ -17,7 +17,7 @@ import pytest
 from scipy import io
 
 from tridentify import errors, list_channels, read_record
-from tridentify.record.formats import isolation, matlab, text_table
+from tridentify.record.formats import isolation, matlab, text_opening, text_table
 
 ODD_NAME = b"caf\xe9" + "\u202egnp".encode() + b"\x1b[31m\x07{c}*?"
 ASKED = {"time": "t", "inputs": ["u"], "outputs": ["y"]}
@@ -102,7 +102,7 @@ def test_a_name_that_comes_again_beyond_the_first_mib_is_found(tmp_path: Path) -
 def test_a_row_without_an_end_is_refused_before_it_is_held(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: str, says: str
 ) -> None:
-    monkeypatch.setattr(text_table, "LONGEST_ROW", 1000)
+    monkeypatch.setattr(text_opening, "LONGEST_ROW", 1000)
     monkeypatch.setattr(text_table, "MOST_TEXT_COLUMNS", 40)
     path = tmp_path / "endless.csv"
     path.write_text(content)

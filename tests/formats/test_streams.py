@@ -18,17 +18,13 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from tridentify import errors
-from tridentify.record.formats.streams import sources
+from tridentify.record.formats.streams import datagrams
+from tridentify.record.formats.streams.datagrams import UdpSource, loopback_address
 from tridentify.record.formats.streams.header import Asked, find_columns
 from tridentify.record.formats.streams.lines import LONGEST_LINE, LineCutter, WholeLines
-from tridentify.record.formats.streams.rows import BadLine, RowReader
-from tridentify.record.formats.streams.sources import (
-    FileSource,
-    PipeSource,
-    UdpSource,
-    loopback_address,
-    source_of_file,
-)
+from tridentify.record.formats.streams.read_rows import BadLine
+from tridentify.record.formats.streams.rows import RowReader
+from tridentify.record.formats.streams.sources import FileSource, PipeSource, source_of_file
 from tridentify.record.formats.streams.timeline import SET_BACK, Timeline, nominal_step
 
 PLAIN = Asked(("u",), ("y",))
@@ -627,7 +623,7 @@ def test_a_counter_of_dropped_datagrams_may_begin_anew(monkeypatch):
         counted.append(source._told)
     source.close()
     assert counted == [3, 3, (1 << 32) - 1, (1 << 32) + 2]
-    monkeypatch.setattr(sources, "_RXQ_OVFL", None)
+    monkeypatch.setattr(datagrams, "_RXQ_OVFL", None)
     silent = UdpSource("127.0.0.1", 0)
     assert silent.dropped is None
     port = int(silent.name.rpartition(":")[2])

@@ -21,7 +21,8 @@ import numpy as np
 
 from tridentify import Structure, TridentifyError, online
 from tridentify.cli.stream_checkpoint import read_checkpoint, undamaged
-from tridentify.cli.stream_session import Session, StreamQuestion
+from tridentify.cli.stream_question import StreamQuestion
+from tridentify.cli.stream_session import Session
 from tridentify.record.formats.streams.header import Asked
 from tridentify.record.formats.streams.lines import LineCutter
 from tridentify.record.formats.streams.sources import FileSource

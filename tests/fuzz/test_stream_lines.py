@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from tridentify import Structure, errors, online
-from tridentify.cli.stream_session import Session, StreamQuestion
+from tridentify.cli.stream_question import StreamQuestion
+from tridentify.cli.stream_session import Session
 from tridentify.record.formats.streams.header import Asked
 from tridentify.record.formats.streams.lines import LineCutter
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tridentify import Record, TransferFunction, simulate
-from tridentify.simulate import free_responses
+from tridentify.models.simulate import free_responses
 
 
 @pytest.fixture(scope="session")

@@ -14,11 +14,11 @@ import pytest
 import scipy.linalg
 
 from tridentify.errors import IdentifiabilityError, OptionError, TridentifyError
+from tridentify.models.simulate import simulate
 from tridentify.plots.study import save_study_figures
 from tridentify.plots.study_fig5 import plot_step_responses, response_band
 from tridentify.plots.study_fig6 import plot_noise_levels
 from tridentify.record.record import Record
-from tridentify.simulate import simulate
 from tridentify.studies import STUDIES, Study, StudyResult
 from tridentify.studies import aircraft as module
 from tridentify.studies.aircraft import FILTER, PLANT, AircraftStudy, noise_free_record

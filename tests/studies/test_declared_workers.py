@@ -14,11 +14,11 @@ import pytest
 
 from declared import document, numbers
 from tridentify.errors import MissingDependencyError, OptionError, TridentifyError
+from tridentify.fleet.workers.job import CRASHED, OVER_TIME, Outcome
 from tridentify.studies import DeclaredStudy, run_study, study_from
 from tridentify.studies.declared import working
 from tridentify.studies.declared.cells import draws_of, meetings
 from tridentify.studies.declared.draw import draw_row
-from tridentify.workers.job import CRASHED, OVER_TIME, Outcome
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # what Dask says of itself
 
@@ -128,7 +128,7 @@ def test_a_scheduler_that_ends_is_one_line_and_gone_on_without(
 
 def test_no_scheduler_is_one_line(monkeypatch: pytest.MonkeyPatch, study: DeclaredStudy) -> None:
     pytest.importorskip("distributed", reason="needs tridentify[fleet]")
-    monkeypatch.setattr("tridentify.workers.engines.CONNECT", "1s")
+    monkeypatch.setattr("tridentify.fleet.workers.engines.CONNECT", "1s")
     with pytest.raises(TridentifyError, match=r"found no scheduler at 'tcp://127\.0\.0\.1:9'"):
         run_study(study, workers=NOWHERE)
 

@@ -90,7 +90,7 @@ def test_killed_workers_cost_nothing(processes: Any, tmp_path: Path) -> None:
 
 
 def test_no_scheduler_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("tridentify.workers.engines.CONNECT", "1s")
+    monkeypatch.setattr("tridentify.fleet.workers.engines.CONNECT", "1s")
     with pytest.raises(TridentifyError, match=r"found no scheduler at 'tcp://127\.0\.0\.1:9'"):
         fleet.fit(
             fleets.units(1), (2, 0), out=tmp_path, workers="tcp://127.0.0.1:9", progress=False

@@ -14,12 +14,12 @@ from tridentify.fleet.job import Item
 from tridentify.fleet.places import Unusable
 from tridentify.fleet.rows import Fit, fit_row, packed
 from tridentify.fleet.store import Store, write_part
+from tridentify.fleet.workers.job import Limits, Outcome
 from tridentify.fleet.working import Question
 from tridentify.plots import plot_fleet
 from tridentify.record.formats.assemble import Wanted
 from tridentify.report import write_fleet_report
 from tridentify.structure import Structure
-from tridentify.workers.job import Limits, Outcome
 
 
 def run_of(folder: Path, rows: list[dict[str, object]]) -> fleet.Run:

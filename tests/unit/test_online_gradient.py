@@ -21,8 +21,7 @@ from tridentify.numerics.recursive import along, descend
 from tridentify.online.gradient_periods import scatter, stable_poles
 from tridentify.online.gradient_plan import Basis, gains, inverse_of
 from tridentify.online.gradient_vector import moments_of, signals_of
-from tridentify.online.kernels import gradient as kernel
-from tridentify.online.kernels import slots
+from tridentify.online.kernels import gradient_slots, slots
 from tridentify.online.layout import NuisanceColumns, Setting
 
 DT = 0.05
@@ -157,7 +156,7 @@ def test_step_1_on_the_paper_basis_is_the_rule_written_out():
     method = online.Gradient(gamma=2.0, filter=(1.0, 5.0, 6.0, 7.0), rate=0.7)
     state, _, _ = walked(method, u, y)
     basis = Basis.of(state.stage.setting, state.stage.blueprint)
-    rate = state.stage.blueprint.constants[kernel.RATE]
+    rate = state.stage.blueprint.constants[gradient_slots.RATE]
     expected, phi = dense_reference(u, y, basis, rate)
     found = signals_of(basis, state.stage.blueprint, state.values)[0][0, : basis.kept]
     assert found == pytest.approx(expected, rel=1e-9)
@@ -295,7 +294,7 @@ def test_a_huge_rate_does_not_blow_up(rate):
     late = innovations[500:, 0]
     assert np.all(np.isfinite(late))
     assert np.abs(late).max() < 10.0 * np.std(y)
-    assert np.all(np.isfinite(state.values[state.stage.blueprint.ints[kernel.X_FITS] :]))
+    assert np.all(np.isfinite(state.values[state.stage.blueprint.ints[gradient_slots.X_FITS] :]))
 
 
 def test_samples_that_cannot_be_leave_no_trace():

@@ -21,11 +21,11 @@ from tridentify import (
     online,
     simulate,
 )
-from tridentify.checks.references import settled_reference
 from tridentify.cli.validate_command import renamed
 from tridentify.estimation.answer.assemble import fingerprint
 from tridentify.estimation.likelihood.raster import on_raster
 from tridentify.plots import plot_record
+from tridentify.record.checks.references import settled_reference
 from tridentify.record.formats.frames import frame_from_record, record_from_frame
 from tridentify.record.record import Record
 from tridentify.report.settings import code_again, settings_table

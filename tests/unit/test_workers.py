@@ -8,8 +8,15 @@ from typing import Any
 import pytest
 
 from tridentify.errors import TridentifyError
-from tridentify.workers.dispatch import FIRST, IN_FLIGHT, LEAST_SECONDS, Batches, Lost, dispatch
-from tridentify.workers.engines import Engine
+from tridentify.fleet.workers.dispatch import (
+    FIRST,
+    IN_FLIGHT,
+    LEAST_SECONDS,
+    Batches,
+    Lost,
+    dispatch,
+)
+from tridentify.fleet.workers.engines import Engine
 
 
 class Scripted(Executor):

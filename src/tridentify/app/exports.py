@@ -12,10 +12,10 @@ from types import MappingProxyType
 import numpy as np
 
 from tridentify.app.plain import saved_as
-from tridentify.checks.samples import typical_step
 from tridentify.errors import OptionError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.export import to_bytes
+from tridentify.record.checks.times import typical_step
 from tridentify.record.record import Record
 from tridentify.report import write_report
 from tridentify.uncertainty import poles

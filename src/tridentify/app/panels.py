@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from tridentify.app.plain import listed, number
-from tridentify.checks.samples import typical_step
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.advice import FrequencyResponse, frequency_response
@@ -18,6 +17,7 @@ from tridentify.judgement.comparison import Comparison, compare
 from tridentify.judgement.validation import Validation, validate
 from tridentify.judgement.validation.result import Check
 from tridentify.numerics.arrays import Array
+from tridentify.record.checks.times import typical_step
 from tridentify.record.formats.channels import Channel
 from tridentify.record.formats.series import Series
 from tridentify.record.record import Record

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from tridentify.cli import options
 from tridentify.cli.groups import Reading
 from tridentify.cli.load import asked_channels, load
-from tridentify.cli.results import ResultFolder
-from tridentify.cli.run import describe_files, load_compiled
-from tridentify.cli.tables import describe_records
-from tridentify.cli.terminal import Activity, paragraph, show, show_json
+from tridentify.cli.run import load_compiled
+from tridentify.cli.tables import describe_findings, describe_records
+from tridentify.cli.terminal import Activity, paragraph
+from tridentify.cli.work import at_work
 from tridentify.record.record import Record
 from tridentify.writing.files import write_atomically
 
@@ -41,29 +40,18 @@ def advise(
 
     Example: tridentify advise flight.csv --input elevator --output q
     """
+    from tridentify.judgement.advice import advise as look_at
+
     inputs, outputs = asked_channels(files, inputs, outputs)
     source = reading.source(files, inputs, outputs)
-    written: Sequence[Path] = ()
-    with ExitStack() as stack:
-        results = None if out is None else stack.enter_context(ResultFolder(out))
-        activity = stack.enter_context(Activity())
+    with at_work(out) as work:
+        activity = work.activity
         records = load(source, activity)
         load_compiled(activity)
         activity.stage("looking at the record")
-        found = _advice(records)
-        if results is not None:
-            _write(found, results.draft, activity)
-            written = results.publish()
-    if as_json:
-        show_json(found.to_dict() | {"files": [str(path) for path in written]})
-    else:
-        _show(found, records, written)
-
-
-def _advice(records: Sequence[Record]) -> Advice:
-    from tridentify.judgement.advice import advise as look_at
-
-    return look_at(records)
+        found = look_at(records)
+        work.publish(lambda folder: _write(found, folder, activity))
+    work.answer(as_json, found.to_dict, lambda: _blocks(found, records))
 
 
 def _write(found: Advice, folder: Path, activity: Activity) -> None:
@@ -80,18 +68,11 @@ def _write(found: Advice, folder: Path, activity: Activity) -> None:
         figure.savefig(folder / "frequency-response.svg")
 
 
-def _show(found: Advice, records: Sequence[Record], written: Sequence[Path]) -> None:
-    """Print findings and facts."""
-    lines = [] if found.findings else ["nothing stands in the way of an estimate"]
-    for finding in found.findings:
-        said = f"{finding.message} {finding.effect}".strip()
-        lines.append(paragraph(said, "! " if finding.matters else "- ", "  "))
-        if finding.remedy:
-            lines.append(paragraph(finding.remedy, "  what to do: ", "    "))
-    show(
+def _blocks(found: Advice, records: Sequence[Record]) -> list[str]:
+    """Findings and facts."""
+    return [
         describe_records(records),
-        "\n".join(lines),
+        "\n".join(describe_findings(found.findings)) or "nothing stands in the way of an estimate",
         "\n".join(paragraph(f"{name}: {value}", "  ", "    ") for name, value in found.facts()[1:]),
         "\n".join(paragraph(note, "- ", "  ") for note in found.notes),
-        *describe_files(written),
-    )
+    ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from types import FrameType
@@ -55,22 +55,26 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command("advise")(with_groups(advise_command.advise))
-app.command("manoeuvres")(with_groups(manoeuvres_command.manoeuvres))
-app.command("identify")(with_groups(identify_command.identify))
-app.command("select")(with_groups(select_command.select))
-app.command("physical")(with_groups(physical_command.physical))
-app.command("channels")(channels_command.channels)
-app.command("demo")(demo_command.demo)
-app.command("stream")(stream_command.stream)
-app.command("app")(app_command.workbench)
-app.command("study")(study_command.study)
-app.command("fleet")(with_groups(fleet_command.fleet))
-app.command("excite")(excite_command.excite)
-app.command("export")(export_command.export)
-app.command("validate")(with_groups(validate_command.validate))
-app.command("warm")(warm_command.warm)
-app.command("compare")(with_groups(compare_command.compare_models))
+COMMANDS: dict[str, Callable[..., None]] = {
+    "advise": advise_command.advise,
+    "manoeuvres": manoeuvres_command.manoeuvres,
+    "identify": identify_command.identify,
+    "select": select_command.select,
+    "physical": physical_command.physical,
+    "channels": channels_command.channels,
+    "demo": demo_command.demo,
+    "stream": stream_command.stream,
+    "app": app_command.workbench,
+    "study": study_command.study,
+    "fleet": fleet_command.fleet,
+    "excite": excite_command.excite,
+    "export": export_command.export,
+    "validate": validate_command.validate,
+    "warm": warm_command.warm,
+    "compare": compare_command.compare_models,
+}
+for _name, _command_of in COMMANDS.items():
+    app.command(_name)(with_groups(_command_of))
 
 
 def _show_version(asked: bool) -> None:

@@ -11,10 +11,10 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from tridentify.checks.names import LONGEST_NAME
 from tridentify.cli.tables import make_table
 from tridentify.cli.terminal import Activity, paragraph, show, show_json
 from tridentify.errors import shown
+from tridentify.record.checks.names import LONGEST_NAME
 from tridentify.record.formats.channels import OpenFile
 from tridentify.record.formats.read import opened
 from tridentify.record.formats.summary import (

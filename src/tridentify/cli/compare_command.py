@@ -4,26 +4,25 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, cast
 
 import typer
 
-from tridentify.checks.samples import Intersample
 from tridentify.cli import options
 from tridentify.cli.groups import Reading
 from tridentify.cli.load import load
-from tridentify.cli.results import ResultFolder
-from tridentify.cli.run import describe_files, load_compiled
+from tridentify.cli.run import load_compiled
 from tridentify.cli.stored_models import MODEL, in_folder
 from tridentify.cli.tables import describe_records
-from tridentify.cli.terminal import Activity, show, show_json
+from tridentify.cli.terminal import Activity
 from tridentify.cli.validate_command import Held, Inputs, Outputs, columns_of, renamed
+from tridentify.cli.work import at_work
 from tridentify.errors import OptionError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.comparison import Comparison, compare
+from tridentify.record.checks.samples import Intersample
 from tridentify.transfer_function import TransferFunction
 from tridentify.writing.files import write_atomically
 
@@ -72,22 +71,14 @@ def compare_models(
         columns_of("output", outputs, columns[1], "models"),
         _between(models.values()) if reading.intersample is None else None,
     )
-    written: Sequence[Path] = ()
-    with ExitStack() as stack:
-        results = None if out is None else stack.enter_context(ResultFolder(out))
-        activity = stack.enter_context(Activity())
+    with at_work(out) as work:
+        activity = work.activity
         records = [renamed(record, *columns) for record in load(source, activity)]
         load_compiled(activity)
         activity.stage("simulating the models")
         found = compare(models, records)
-        if results is not None:
-            activity.stage("writing the figure")
-            _write(found, results.draft)
-            written = results.publish()
-    if as_json:
-        show_json(found.to_dict() | {"files": [str(path) for path in written]})
-    else:
-        show(describe_records(records), found.summary(), *describe_files(written))
+        work.publish(lambda folder: _write(found, folder, activity))
+    work.answer(as_json, found.to_dict, lambda: [describe_records(records), found.summary()])
 
 
 def _told_apart(files: Sequence[Path]) -> tuple[list[Path], list[Path]]:
@@ -126,10 +117,11 @@ def _columns(models: Iterable[Estimate | TransferFunction], kind: str) -> tuple[
     return tuple(dict.fromkeys(name for row in rows for name in row))
 
 
-def _write(found: Comparison, folder: Path) -> None:
+def _write(found: Comparison, folder: Path, activity: Activity) -> None:
     from tridentify.plots import plot_compared
     from tridentify.report.pictures import Drawing, picture_of, save_picture
 
+    activity.stage("writing the figure")
     text = json.dumps(found.to_dict(), indent=1, allow_nan=False)
     write_atomically(folder / "comparison.json", text + "\n")
     drawing = Drawing("comparison", "Models over records", "", plot_compared(found).figure)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from tridentify.cli import excite_options as own
-from tridentify.cli.excite_options import Signal
+from tridentify.cli.excite_options import Signal, Wish
 from tridentify.cli.knowledge import NUMBER
 from tridentify.cli.stored_models import model_file
 from tridentify.cli.terminal import say, show, show_json
@@ -21,67 +20,34 @@ if TYPE_CHECKING:
     from tridentify.transfer_function import TransferFunction
 
 
-@dataclass(frozen=True)
-class Wish:
-    """What was asked for; None where nothing was said."""
-
-    dt: float
-    amplitude: float
-    duration: float | None
-    band: tuple[float, float] | None
-    width: float | None
-    for_frequency: float | None
-    order: int | None
-    clock: float | None
-    lead: float | None
-    tail: float | None
-    periods: int | None
-    coefficient: Sequence[str] | None
-    binary: bool | None
-    inputs: tuple[str, ...]
-    model: TransferFunction | Estimate | None
-
-
 REST = (1, 7)
 """Rest before and after pulses, in their units: enough to see the trim, and about two periods of
 the mode that they are made for."""
 
-UNITS_OF = {Signal.THREE_TWO_ONE_ONE: 7, Signal.DOUBLET: 2}
+UNITS_OF = {"3-2-1-1": 7, "doublet": 2}
 """Length of pulses, in their units."""
 
 SAID_AMPLITUDE = 1.0
 """Where --amplitude is not stated: one unit of the input, but one degree where that is a radian."""
 
 USED = {
-    Signal.PRBS: {"order", "clock", "periods"},
-    Signal.MULTISINE: {"duration", "band", "periods"},
-    Signal.THREE_TWO_ONE_ONE: {"width", "for_frequency"},
-    Signal.DOUBLET: {"width", "for_frequency"},
-    Signal.CHIRP: {"duration", "band"},
-    Signal.OPTIMAL: {"duration", "band", "periods", "coefficient", "binary"},
+    "prbs": {"order", "clock", "periods"},
+    "multisine": {"duration", "band", "periods"},
+    "3-2-1-1": {"width", "for_frequency"},
+    "doublet": {"width", "for_frequency"},
+    "chirp": {"duration", "band"},
+    "optimal": {"duration", "band", "periods", "coefficient", "binary"},
 }
-SEVERAL = (Signal.PRBS, Signal.MULTISINE)
+SEVERAL = ("prbs", "multisine", "optimal")
+"""Signals of which there may be one for each of several inputs."""
 
 
 def excite(
     signal: own.What,
     dt: own.Step,
     out: own.PlanFile = None,
-    amplitude: own.Amplitude = None,
-    duration: own.Duration = None,
-    band: own.Band = None,
-    width: own.Width = None,
-    for_frequency: own.ForFrequency = None,
-    order: own.Stages = None,
-    clock: own.Clock = None,
-    lead: own.Lead = None,
-    tail: own.Tail = None,
-    periods: own.Periods = None,
-    inputs: own.InputNames = None,
-    model: own.Plant = None,
-    noise: own.SensorNoise = None,
-    coefficient: own.Coefficients = None,
-    binary: own.TwoLevels = None,
+    *,
+    wish: Wish,
     as_json: own.AsJson = False,
 ) -> None:
     """Make an input for an experiment, and say what precision it will give.
@@ -92,36 +58,18 @@ def excite(
     from tridentify.export import read_json
 
     how = "tridentify excite SIGNAL --model result/model.json"
-    plant = None if model is None else read_json(model_file(model, how))
+    plant = None if wish.model is None else read_json(model_file(wish.model, how))
     unit = _unit_of_input(plant)
-    size, stated = _amplitude(amplitude, unit, free=plant is None)
-    wish = Wish(
-        dt,
-        size,
-        duration,
-        _band(band),
-        width,
-        for_frequency,
-        order,
-        clock,
-        lead,
-        tail,
-        periods,
-        coefficient,
-        binary,
-        tuple(inputs or ()),
-        plant,
-    )
-    _refuse_idle(signal, wish)
-    if noise and plant is None:
+    size, stated = _amplitude(wish.amplitude, unit, free=plant is None)
+    if wish.noise and plant is None:
         raise OptionError("found --noise without --model; expected both, or none; add --model")
-    if amplitude is None:
+    if wish.amplitude is None:
         say(f"--amplitude is not stated: {size:.4g} {stated}".rstrip() + " is taken")
-    plan = _rested(MAKERS[signal](wish), signal, wish)
-    plan = _named(plan, inputs or (), plant, stated)
+    plan = _rested(_made(signal, wish, dt, size, plant), signal, wish)
+    plan = _named(plan, wish.inputs or (), plant, stated)
     ahead = None
     if plant is not None:
-        ahead = precision(plant, plan, noise_std=_noise(noise or (), plant))
+        ahead = precision(plant, plan, noise_std=_noise(wish.noise or (), plant))
     written = [] if out is None else [str(plan.save(out))]
     if as_json:
         document: dict[str, Any] = {
@@ -241,101 +189,62 @@ def _refuse_idle(signal: Signal, wish: Wish) -> None:
         options = ", ".join("--" + key.replace("_", "-") for key in idle)
         known = ", ".join("--" + key.replace("_", "-") for key in sorted(USED[signal]))
         raise OptionError(
-            f"found {options} with {signal.value}; expected only {known} besides the common ones; "
+            f"found {options} with {signal}; expected only {known} besides the common ones; "
             "leave it out"
         )
-    if len(wish.inputs) > 1 and signal not in (*SEVERAL, Signal.OPTIMAL):
+    if len(wish.inputs or ()) > 1 and signal not in SEVERAL:
         raise OptionError(
-            f"found {len(wish.inputs)} inputs with {signal.value}; expected one, or a prbs or "
+            f"found {len(wish.inputs or ())} inputs with {signal}; expected one, or a prbs or "
             "multisine; make one file for each"
         )
 
 
-def _needed(wish: Wish, key: str) -> Any:
-    value = getattr(wish, key)
+def _needed(option: str, value: Any) -> Any:
     if value is None:
         raise OptionError(
-            f"found no --{key}; expected it for this signal; see tridentify excite --help"
+            f"found no --{option}; expected it for this signal; see tridentify excite --help"
         )
     return value
 
 
-def _prbs(wish: Wish) -> Excitation:
-    from tridentify.excitation import prbs
+def _made(
+    signal: Signal, wish: Wish, dt: float, size: float, plant: Estimate | TransferFunction | None
+) -> Excitation:
+    """The signal as its own options ask for it."""
+    from tridentify import excitation
 
-    return prbs(
-        7 if wish.order is None else wish.order,
-        dt=wish.dt,
-        clock=wish.clock,
-        levels=(-wish.amplitude, wish.amplitude),
-        periods=1 if wish.periods is None else wish.periods,
-        n_inputs=max(len(wish.inputs), 1),
-    )
-
-
-def _multisine(wish: Wish) -> Excitation:
-    from tridentify.excitation import multisine
-
-    return multisine(
-        _needed(wish, "duration"),
-        dt=wish.dt,
-        band=_needed(wish, "band"),
-        n_inputs=max(len(wish.inputs), 1),
-        amplitude=wish.amplitude,
-        periods=1 if wish.periods is None else wish.periods,
-    )
-
-
-def _pulses(wish: Wish, *, three: bool) -> Excitation:
-    from tridentify.excitation import doublet, three_two_one_one
-
+    band, n_inputs = _band(wish.band), max(len(wish.inputs or ()), 1)
+    periods = 1 if wish.periods is None else wish.periods
+    _refuse_idle(signal, wish)
+    if signal == "prbs":
+        order = 7 if wish.order is None else wish.order
+        return excitation.prbs(
+            order,
+            dt=dt,
+            clock=wish.clock,
+            levels=(-size, size),
+            periods=periods,
+            n_inputs=n_inputs,
+        )
+    if signal == "multisine":
+        duration, within = _needed("duration", wish.duration), _needed("band", band)
+        return excitation.multisine(
+            duration, dt=dt, band=within, n_inputs=n_inputs, amplitude=size, periods=periods
+        )
+    if signal == "chirp":
+        within, duration = _needed("band", band), _needed("duration", wish.duration)
+        return excitation.chirp(within, duration, dt=dt, amplitude=size)
+    if signal == "optimal":
+        best = excitation.optimal_spectrum(
+            _needed("model", plant), coefficients=wish.coefficient, band=band, limit=size
+        )
+        return best.excitation(
+            wish.duration, dt, shape="binary" if wish.binary else "multisine", periods=periods
+        )
     if wish.width is None and wish.for_frequency is None:
         raise OptionError(
             "found no --width and no --for-frequency; expected one of the two; give the width of "
             "a pulse in s, or the natural frequency of the mode to be excited in rad/s"
         )
-    make = three_two_one_one if three else doublet
-    return make(
-        wish.amplitude,
-        wish.width,
-        dt=wish.dt,
-        for_frequency=wish.for_frequency,
-    )
-
-
-def _chirp(wish: Wish) -> Excitation:
-    from tridentify.excitation import chirp
-
-    return chirp(
-        _needed(wish, "band"),
-        _needed(wish, "duration"),
-        dt=wish.dt,
-        amplitude=wish.amplitude,
-    )
-
-
-def _optimal(wish: Wish) -> Excitation:
-    from tridentify.excitation import optimal_spectrum
-
-    best = optimal_spectrum(
-        _needed(wish, "model"),
-        coefficients=wish.coefficient,
-        band=wish.band,
-        limit=wish.amplitude,
-    )
-    return best.excitation(
-        wish.duration,
-        wish.dt,
-        shape="binary" if wish.binary else "multisine",
-        periods=1 if wish.periods is None else wish.periods,
-    )
-
-
-MAKERS: dict[Signal, Callable[[Wish], Excitation]] = {
-    Signal.PRBS: _prbs,
-    Signal.MULTISINE: _multisine,
-    Signal.THREE_TWO_ONE_ONE: lambda wish: _pulses(wish, three=True),
-    Signal.DOUBLET: lambda wish: _pulses(wish, three=False),
-    Signal.CHIRP: _chirp,
-    Signal.OPTIMAL: _optimal,
-}
+    make = excitation.doublet if signal == "doublet" else excitation.three_two_one_one
+    return make(size, wish.width, dt=dt, for_frequency=wish.for_frequency)

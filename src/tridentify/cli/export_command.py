@@ -3,29 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
 from tridentify.cli.stored_models import model_file
 from tridentify.cli.terminal import show, show_json
 from tridentify.errors import OptionError, shown
-
-
-class Discretisation(StrEnum):
-    """How a filter is discretised."""
-
-    ZOH = "zoh"
-    TUSTIN = "tustin"
-
-
-class Digits(StrEnum):
-    """Numbers of the C code."""
-
-    DOUBLE = "double"
-    FLOAT = "float"
 
 
 def export(
@@ -45,14 +30,16 @@ def export(
         typer.Option(metavar="SECONDS", help="Sampling interval of the filter; .h only."),
     ] = None,
     method: Annotated[
-        Discretisation | None,
+        Literal["zoh", "tustin"] | None,
         typer.Option(help="Of discretisation; zoh is exact for a held input; .h only."),
     ] = None,
     prewarp: Annotated[
         float | None,
         typer.Option(metavar="RAD/S", help="Where tustin is exact; .h only."),
     ] = None,
-    number: Annotated[Digits | None, typer.Option(help="Numbers in the C code; .h only.")] = None,
+    number: Annotated[
+        Literal["double", "float"] | None, typer.Option(help="Numbers in the C code; .h only.")
+    ] = None,
     name: Annotated[
         str | None,
         typer.Option(metavar="NAME", help="What names in the C code begin with; .h only."),

@@ -11,8 +11,8 @@ import typer
 
 from tridentify.cli import options
 from tridentify.cli.groups import Along, Known, Late, ReadingMany, Way, asked_structure
-from tridentify.cli.run import describe_files
 from tridentify.cli.terminal import Activity, plain, show, show_json
+from tridentify.cli.work import describe_files
 from tridentify.errors import IdentifiabilityError, OptionError
 
 if TYPE_CHECKING:

@@ -13,7 +13,6 @@ from functools import wraps
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from tridentify.checks.samples import Intersample
 from tridentify.cli import options
 from tridentify.cli.ask import (
     chooses_orders,
@@ -26,6 +25,8 @@ from tridentify.cli.knowledge import known_from
 from tridentify.cli.load import RecordSource, rules_from, units_from
 from tridentify.cli.stretches import stretches_from
 from tridentify.estimation.methods.base import Method
+from tridentify.record.checks.samples import Intersample
+from tridentify.record.formats.assemble import Wanted
 from tridentify.structure import AutoStructure, Structure
 
 
@@ -35,24 +36,23 @@ class ReadingMany:
 
     time: options.Time = None
     dt: options.Step = None
-    intersample: options.Intersample = options.Between.AUTO
+    intersample: options.Intersample = "auto"
     references: options.References = None
     reference_intersample: options.ReferenceIntersample = None
-    instants: options.Instants = options.Merging.AUTO
+    instants: options.Instants = "auto"
     units: options.Units = None
     start: options.Start = None
     stop: options.Stop = None
 
     def options(self) -> dict[str, Any]:
         """As `tridentify.read_record` takes them."""
-        between = self.reference_intersample
         return {
             "time": self.time,
             "dt": self.dt,
-            "intersample": self.intersample.value,
+            "intersample": self.intersample,
             "references": tuple(self.references or ()),
-            "reference_intersample": None if between is None else between.value,
-            "instants": self.instants.value,
+            "reference_intersample": self.reference_intersample,
+            "instants": self.instants,
             "units": units_from(self.units or ()),
             "start": self.start,
             "stop": self.stop,
@@ -84,20 +84,14 @@ class Reading(ReadingMany):
         between : str, optional
             What the input does between samples, where the option does not say it.
         """
+        asked = self.options()
+        wanted = Wanted(
+            inputs, outputs, **(asked if between is None else asked | {"intersample": between})
+        )
         return RecordSource(
             files,
-            tuple(inputs),
-            tuple(outputs),
-            self.time,
-            self.dt,
-            between or self.intersample.value,
-            self.start,
-            self.stop,
-            self.instants.value,
-            units_from(self.units or ()),
+            wanted,
             rules_from(self.missing or ()),
-            tuple(self.references or ()),
-            None if self.reference_intersample is None else self.reference_intersample.value,
             stretches_from("--mask", self.masked or ()),
             stretches_from("--range", self.ranges or ()),
         )
@@ -107,16 +101,16 @@ class Reading(ReadingMany):
 class Along:
     """What is estimated beside the model."""
 
-    offset: options.Offset = options.Choice.AUTO
+    offset: options.Offset = "auto"
     drift: options.Drift = None
-    initial_state: options.InitialState = options.Beginning.AUTO
+    initial_state: options.InitialState = "auto"
 
     def terms(self) -> dict[str, Any]:
         """As `Structure` takes them."""
         return {
-            "offset": self.offset.answer,
-            "drift": None if self.drift is None else self.drift.answer,
-            "initial_state": self.initial_state.value,
+            "offset": options.answered(self.offset),
+            "drift": None if self.drift is None else options.answered(self.drift),
+            "initial_state": self.initial_state,
         }
 
 
@@ -156,18 +150,18 @@ class Way:
     """How it is estimated."""
 
     method: options.Method = "three-model"
-    noise: options.NoiseModel = options.Noise.AUTO
-    route: options.Routes = options.Route.AUTO
-    controller: options.Controllers = options.Controller.UNKNOWN
+    noise: options.NoiseModel = "auto"
+    route: options.Routes = "auto"
+    controller: options.Controllers = "unknown"
 
-    def chosen(self, loss: options.Loss = options.Loss.SQUARED) -> Method:
+    def chosen(self, loss: options.Losses = "squared") -> Method:
         """The method with its options."""
         return chosen_method(
             self.method,
-            noise=self.noise.value,
-            loss=loss.value,
-            route=self.route.value,
-            controller=self.controller.value,
+            noise=self.noise,
+            loss=loss,
+            route=self.route,
+            controller=self.controller,
         )
 
 

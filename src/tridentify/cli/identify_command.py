@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,14 +11,13 @@ from tridentify.cli import options, tables
 from tridentify.cli.groups import Along, Known, Late, Reading, Way, asked_structure
 from tridentify.cli.load import RecordSource, asked_channels, load
 from tridentify.cli.long_record import answer, long_record
-from tridentify.cli.results import ResultFolder
-from tridentify.cli.run import estimate_model, load_compiled, show_estimate, write_results
-from tridentify.cli.terminal import Activity, show_json
+from tridentify.cli.run import estimate_blocks, estimate_model, load_compiled, write_results
+from tridentify.cli.work import at_work
 from tridentify.estimation.methods.base import Method
 from tridentify.structure import AutoStructure, Structure
 
 if TYPE_CHECKING:
-    from tridentify.cli.artist import Beside
+    pass
 
 
 def identify(
@@ -34,7 +32,7 @@ def identify(
     along: Along,
     known: Known,
     way: Way,
-    loss: options.Losses = options.Loss.SQUARED,
+    loss: options.Losses = "squared",
     out: options.Out = None,
     title: options.Title = None,
     as_json: options.AsJson = False,
@@ -53,13 +51,6 @@ def identify(
     _answer(source, structure, way.chosen(loss), out, title, as_json=as_json, verbose=verbose)
 
 
-def drawn_beside() -> AbstractContextManager[Beside | None]:
-    """Another process for the figures, where there is a processor for it."""
-    from tridentify.cli.artist import hired
-
-    return hired()
-
-
 def _answer(
     source: RecordSource,
     structure: Structure | AutoStructure,
@@ -71,13 +62,16 @@ def _answer(
     verbose: bool,
 ) -> None:
     """Read, estimate, write, print."""
-    written: Sequence[Path] = ()
     with ExitStack() as stack:
-        results = None if out is None else stack.enter_context(ResultFolder(out))
-        activity = stack.enter_context(Activity())
+        work = stack.enter_context(at_work(out))
+        activity = work.activity
         long = long_record(source, structure, method, activity)
         records = load(source, activity) if long is None else []
-        artist = None if results is None else stack.enter_context(drawn_beside())
+        artist = None
+        if out is not None:
+            from tridentify.cli.artist import hired
+
+            artist = stack.enter_context(hired())
         load_compiled(activity)
         if isinstance(structure, AutoStructure):
             activity.stage("no --poles: the numbers of poles and zeros are chosen")
@@ -86,16 +80,17 @@ def _answer(
             estimate = estimate_model(records, structure, method, activity.stage, artist)
         else:
             estimate, records = found.estimate, [found.stretch]
-        if results is not None:
-            estimate = write_results(estimate, records, results.draft, activity, title, artist)
-            written = results.publish()
-    if as_json:
-        document = (
+        if work.results is not None:
+            folder = work.results.draft
+            estimate = write_results(estimate, records, folder, activity, title, artist)
+            work.written = work.results.publish()
+    described = tables.describe_records(records) if found is None else found.text()
+    work.answer(
+        as_json,
+        lambda: (
             tables.estimate_document(estimate, records)
             if found is None
             else replace(found, estimate=estimate).document()
-        )
-        show_json(document | {"files": [str(path) for path in written]})
-    else:
-        described = None if found is None else found.text()
-        show_estimate(estimate, records, written, verbose=verbose, described=described)
+        ),
+        lambda: estimate_blocks(estimate, described, verbose=verbose),
+    )

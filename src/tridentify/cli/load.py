@@ -7,14 +7,12 @@ import operator
 import re
 import shlex
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tridentify.checks.names import did_you_mean
-from tridentify.checks.samples import Intersample
 from tridentify.cli.knowledge import NUMBER
 from tridentify.cli.stretches import Stretch, masked, pieces
 from tridentify.cli.terminal import Activity
@@ -27,9 +25,9 @@ from tridentify.errors import (
     shown,
 )
 from tridentify.numerics.arrays import Array
+from tridentify.record.checks.names import did_you_mean
 from tridentify.record.formats.assemble import (
     JITTER,
-    Instants,
     Wanted,
     find_channel,
     record_from,
@@ -65,25 +63,16 @@ class RecordSource:
     """Which part of which files are the records."""
 
     files: Sequence[Path]
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    time: str | None = None
-    dt: float | None = None
-    intersample: Intersample = "auto"
-    start: float | None = None
-    stop: float | None = None
-    instants: Instants = "auto"
-    units: Mapping[str, str] = field(default_factory=dict)
+    wanted: Wanted
     missing: tuple[MissingRule, ...] = ()
-    references: tuple[str, ...] = ()
-    reference_intersample: Intersample | None = None
     masked: tuple[Stretch, ...] = ()
     ranges: tuple[Stretch, ...] = ()
 
     @property
     def columns(self) -> tuple[str, ...]:
         """All that are read but time."""
-        return (*self.inputs, *self.references, *self.outputs)
+        wanted = self.wanted
+        return (*wanted.inputs, *wanted.references, *wanted.outputs)
 
     def __post_init__(self) -> None:
         """Refuse to say of nothing what it does between samples.
@@ -92,9 +81,10 @@ class RecordSource:
         ------
         OptionError
         """
-        if self.reference_intersample is not None and not self.references:
+        between = self.wanted.reference_intersample
+        if between is not None and not self.wanted.references:
             raise OptionError(
-                f"found --reference-intersample {self.reference_intersample} without --reference; "
+                f"found --reference-intersample {between} without --reference; "
                 "expected a column that it is about; give --reference NAME too, or leave it out"
             )
 
@@ -238,8 +228,8 @@ def _load_one(source: RecordSource, file: Path, activity: Activity) -> Record:
     """Read one record; without a stated sampling, look for a column of time by its name."""
     activity.stage(f"reading {file.name or file}")
     with opened(file) as table:
-        time = source.time
-        if time is None and source.dt is None:
+        time, dt = source.wanted.time, source.wanted.dt
+        if time is None and dt is None:
             time = find_time(table, source.columns)
             if time is not None:
                 activity.note(f"taking column {time!r} as time, by its name")
@@ -251,8 +241,8 @@ def _load_one(source: RecordSource, file: Path, activity: Activity) -> Record:
                 f"the time stamps of {shown(time)} are rounded; taken as even steps of "
                 f"{record.dt:.9g} s, which agree with all of them"
             )
-        if time is None and source.dt is not None:
-            _compare_unused_time(table, source.dt, activity)
+        if time is None and dt is not None:
+            _compare_unused_time(table, dt, activity)
     return masked(without(record, source.missing, activity), source.masked)
 
 
@@ -285,21 +275,9 @@ def without(record: Record, rules: Sequence[MissingRule], activity: Activity) ->
 
 
 def _read(table: OpenFile, source: RecordSource, time: str | None, file: Path) -> Record:
-    wanted = Wanted(
-        source.inputs,
-        source.outputs,
-        time,
-        source.dt,
-        source.intersample,
-        source.units,
-        source.start,
-        source.stop,
-        source.instants,
-        source.references,
-        source.reference_intersample,
-    )
+    wanted = replace(source.wanted, time=time)
     clocks = {find_channel(table, name).clock for name in source.columns}
-    if len(clocks) > 1 and "band-limited" in (source.intersample, source.reference_intersample):
+    if len(clocks) > 1 and "band-limited" in (wanted.intersample, wanted.reference_intersample):
         raise OptionError(
             f"found --intersample band-limited and channels of {len(clocks)} clocks in "
             f"{shown(file.name)}; expected one clock, since only held inputs and lines are "
@@ -308,7 +286,7 @@ def _read(table: OpenFile, source: RecordSource, time: str | None, file: Path) -
     try:
         return record_from(table, wanted, printable(file.stem))
     except NonUniformTimeError as error:
-        if source.dt is None:
+        if wanted.dt is None:
             raise
         found = str(error).rpartition(";")[0]
         raise NonUniformTimeError(

@@ -78,28 +78,28 @@ def long_record(
     """
     from tridentify.judgement.long_record import supported
 
-    plain = not (source.references or source.missing or source.masked or source.ranges)
-    plain = plain and source.start is source.stop is None
-    file = source.files[0]
+    wanted, file = source.wanted, source.files[0]
+    plain = not (wanted.references or source.missing or source.masked or source.ranges)
+    plain = plain and wanted.start is wanted.stop is None
     if len(source.files) > 1 or not plain or not has_parts(file):
         return None
     opened = open_parts(file)
     numbers = opened.n_samples * len(source.columns)
     if not file.is_dir() and not is_too_long(opened.n_samples, numbers):
         return None
-    time = source.time
-    if time is None and source.dt is None:
+    time = wanted.time
+    if time is None and wanted.dt is None:
         time = find_time(opened, source.columns)
     try:
         supported(structure, method)
         found = open_record(
             file,
-            inputs=source.inputs,
-            outputs=source.outputs,
+            inputs=wanted.inputs,
+            outputs=wanted.outputs,
             time=time,
-            dt=source.dt,
-            intersample=source.intersample,
-            units=source.units,
+            dt=wanted.dt,
+            intersample=wanted.intersample,
+            units=wanted.units,
         )
     except (NonUniformTimeError, UnsupportedError) as error:
         if file.is_dir():

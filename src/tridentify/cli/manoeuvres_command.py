@@ -44,6 +44,8 @@ def manoeuvres(
 
     Example: tridentify manoeuvres flight.csv --input elevator --output q
     """
+    from tridentify.judgement.advice import find_manoeuvres
+
     if gap is not None and not gap > 0.0:
         raise OptionError(f"found --gap {gap:g}; expected seconds above zero; correct it")
     inputs, outputs = asked_channels(files, inputs, outputs)
@@ -52,17 +54,11 @@ def manoeuvres(
         records = load(source, activity)
         load_compiled(activity)
         activity.stage("looking for manoeuvres")
-        found = [_found(record, gap) for record in records]
+        found = [find_manoeuvres(record, gap) for record in records]
     if as_json:
         show_json({"records": [_document(*one) for one in zip(records, found, strict=True)]})
     else:
         show(describe_records(records), *map(_listed, found))
-
-
-def _found(record: Record, gap: float | None) -> Sequence[Manoeuvre]:
-    from tridentify.judgement.advice import find_manoeuvres
-
-    return find_manoeuvres(record, gap)
 
 
 def _document(record: Record, found: Sequence[Manoeuvre]) -> dict[str, Any]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
+
+from tridentify.record.checks import samples
+from tridentify.record.formats import assemble
 
 record_option = partial(typer.Option, rich_help_panel="The record")
 model_option = partial(typer.Option, rich_help_panel="The model")
@@ -15,76 +17,13 @@ known_option = partial(typer.Option, rich_help_panel="What is known; each may be
 result_option = partial(typer.Option, rich_help_panel="The result")
 
 
-class Between(StrEnum):
-    """What the input does between samples."""
-
-    ZOH = "zoh"
-    FOH = "foh"
-    BAND_LIMITED = "band-limited"
-    AUTO = "auto"
+Choice = Literal["auto", "yes", "no"]
+"""Whether a nuisance term is estimated along."""
 
 
-class Merging(StrEnum):
-    """At which instants a record of several clocks has samples."""
-
-    AUTO = "auto"
-    OUTPUTS = "outputs"
-    ALL = "all"
-
-
-class Choice(StrEnum):
-    """Whether a nuisance term is estimated along."""
-
-    AUTO = "auto"
-    YES = "yes"
-    NO = "no"
-
-    @property
-    def answer(self) -> bool | Literal["auto"]:
-        """As `Structure` wants it."""
-        return "auto" if self is Choice.AUTO else self is Choice.YES
-
-
-class Beginning(StrEnum):
-    """How the record begins."""
-
-    AUTO = "auto"
-    REST = "rest"
-    EQUILIBRIUM = "equilibrium"
-    FREE = "free"
-
-
-class Noise(StrEnum):
-    """What the measurement noise is taken for."""
-
-    AUTO = "auto"
-    WHITE = "white"
-    AR = "ar"
-
-
-class Route(StrEnum):
-    """What is made of a controller that may have been running."""
-
-    AUTO = "auto"
-    OPEN_LOOP = "open-loop"
-    REFERENCE = "reference"
-    DIRECT = "direct"
-
-
-class Controller(StrEnum):
-    """How the controller works between the samples."""
-
-    UNKNOWN = "unknown"
-    SAMPLED = "sampled"
-    CONTINUOUS = "continuous"
-
-
-class Loss(StrEnum):
-    """What is minimised."""
-
-    SQUARED = "squared"
-    HUBER = "huber"
-    STUDENT = "student"
+def answered(choice: Choice) -> bool | Literal["auto"]:
+    """A choice as `Structure` wants it."""
+    return "auto" if choice == "auto" else choice == "yes"
 
 
 # ------------------------------------------------------------------------------------- the record
@@ -127,7 +66,7 @@ Step = Annotated[
     ),
 ]
 Intersample = Annotated[
-    Between,
+    samples.Intersample,
     record_option(
         metavar="HOW",
         help="What the input does between samples: zoh (held), foh (joined by lines) or "
@@ -135,7 +74,7 @@ Intersample = Annotated[
     ),
 ]
 Instants = Annotated[
-    Merging,
+    assemble.Instants,
     record_option(
         metavar="HOW",
         help="Where channels of several clocks meet: at the instants of the outputs, at all "
@@ -152,7 +91,7 @@ References = Annotated[
     ),
 ]
 ReferenceIntersample = Annotated[
-    Between | None,
+    samples.Intersample | None,
     record_option(
         metavar="HOW",
         help="What the references do between samples: zoh, foh, band-limited or auto; by default "
@@ -255,7 +194,7 @@ Drift = Annotated[
     ),
 ]
 InitialState = Annotated[
-    Beginning,
+    Literal["auto", "rest", "equilibrium", "free"],
     model_option(
         metavar="HOW",
         help="State at the first sample: rest (all zero), equilibrium (steady under the first "
@@ -266,7 +205,7 @@ Method = Annotated[
     str, model_option(metavar="NAME", help="Estimation method; a wrong name lists them.")
 ]
 NoiseModel = Annotated[
-    Noise,
+    Literal["auto", "white", "ar"],
     model_option(
         metavar="HOW",
         help="Measurement noise: white, ar (autoregressive; the samples are whitened), or auto "
@@ -274,7 +213,7 @@ NoiseModel = Annotated[
     ),
 ]
 Routes = Annotated[
-    Route,
+    Literal["auto", "open-loop", "reference", "direct"],
     model_option(
         "--route",
         metavar="WAY",
@@ -284,7 +223,7 @@ Routes = Annotated[
     ),
 ]
 Controllers = Annotated[
-    Controller,
+    Literal["unknown", "sampled", "continuous"],
     model_option(
         "--controller",
         metavar="HOW",
@@ -293,7 +232,7 @@ Controllers = Annotated[
     ),
 ]
 Losses = Annotated[
-    Loss,
+    Literal["squared", "huber", "student"],
     model_option(
         metavar="HOW",
         help="What is minimised: squared, or huber or student (robust, for outliers and noise "

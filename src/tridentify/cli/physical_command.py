@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -24,9 +23,9 @@ from tridentify.cli.physical_models import (
     known_parameters,
     show_models,
 )
-from tridentify.cli.results import ResultFolder
-from tridentify.cli.run import describe_files, load_compiled
-from tridentify.cli.terminal import Activity, listed, paragraph, show, show_json
+from tridentify.cli.run import load_compiled
+from tridentify.cli.terminal import Activity, listed, paragraph
+from tridentify.cli.work import at_work
 from tridentify.errors import (
     MissingColumnError,
     OptionError,
@@ -136,10 +135,8 @@ def _answer(
     as_json: bool,
 ) -> None:
     """Read, estimate, write, print."""
-    written: Sequence[Path] = ()
-    with ExitStack() as stack:
-        results = None if out is None else stack.enter_context(ResultFolder(out))
-        activity = stack.enter_context(Activity())
+    with at_work(out) as work:
+        activity = work.activity
         records = load(source, activity)
         load_compiled(activity)
         named = _names_in(records[0], channels)
@@ -148,15 +145,20 @@ def _answer(
             model, records, known=known, channels=named, progress=activity.stage
         )
         _refuse_silence(found)
-        if results is not None:
-            chosen = [record.select(*_order(model, named)) for record in records]
-            _write(found, chosen, results.draft, activity, title)
-            written = results.publish()
-    if as_json:
-        files = {"files": [str(path) for path in written]}
-        show_json(physical_document(found, records, named) | files)
-    else:
-        show(*_account(found, records, named), *describe_files(written))
+        work.publish(
+            lambda folder: _write(
+                found,
+                [record.select(*_order(model, named)) for record in records],
+                folder,
+                activity,
+                title,
+            )
+        )
+    work.answer(
+        as_json,
+        lambda: physical_document(found, records, named),
+        lambda: _account(found, records, named),
+    )
 
 
 def _write(

@@ -7,8 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rich.table import Table
+
 from tridentify.cli import tables
-from tridentify.cli.terminal import Activity, paragraph, show
+from tridentify.cli.terminal import Activity
 from tridentify.errors import ConvergenceError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.methods.base import Method
@@ -92,29 +94,15 @@ def write_results(
     return replace(estimate, findings=tuple(page.findings))
 
 
-def show_estimate(
-    estimate: Estimate,
-    records: Sequence[Record],
-    written: Sequence[Path],
-    *,
-    verbose: bool = False,
-    described: str | None = None,
-) -> None:
-    """Print the tables; ``described`` says what the records are, where they do not themselves."""
-    show(
-        described or tables.describe_records(records),
+def estimate_blocks(
+    estimate: Estimate, described: str, *, verbose: bool = False
+) -> list[str | Table]:
+    """Text and tables of an estimate; ``described`` says what the records are."""
+    return [
+        described,
         tables.describe_status(estimate),
         estimate.model_text(),
         tables.coefficient_table(estimate),
         tables.fit_table(estimate),
         *tables.describe_notes(estimate, verbose=verbose),
-        *describe_files(written),
-    )
-
-
-def describe_files(written: Sequence[Path]) -> list[str]:
-    """Say which files were written, in one line; nothing if none were."""
-    if not written:
-        return []
-    names = ", ".join(path.name for path in written)
-    return [paragraph(f"written to {written[0].parent}: {names}", rest="  ")]
+    ]

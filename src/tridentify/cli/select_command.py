@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from contextlib import ExitStack, nullcontext
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.table import Table
 
 from tridentify.cli import options
 from tridentify.cli.groups import Along, Late, Reading, Way
 from tridentify.cli.load import asked_channels, load
-from tridentify.cli.results import ResultFolder
-from tridentify.cli.run import describe_files, load_compiled
+from tridentify.cli.run import load_compiled
 from tridentify.cli.tables import describe_records, make_table
-from tridentify.cli.terminal import Activity, paragraph, show, show_json
+from tridentify.cli.terminal import Activity, paragraph
+from tridentify.cli.work import at_work
 from tridentify.errors import IdentifiabilityError, OrderError, shown
 from tridentify.record.record import Record
 from tridentify.structure import Structure
@@ -95,20 +96,17 @@ def select(
     if validation:
         whole = replace(reading, start=None, stop=None)
         sources.append(whole.source(validation, inputs, outputs))
-    written: Sequence[Path] = ()
-    with ExitStack() as stack:
-        results = None if out is None else stack.enter_context(ResultFolder(out))
-        activity = stack.enter_context(Activity())
+    with at_work(out) as work:
+        activity = work.activity
         records, *unseen = (load(source, activity) for source in sources)
         load_compiled(activity)
         every = zeros.strip() == "all"
         if every:
             candidates = _with_direct_part(records, candidates, template)
         selection = _selected(records, unseen, candidates, chosen, jobs, activity, every)
-        if results is not None:
-            _write(selection, records, results.draft, activity)
-            written = results.publish()
-    _show(selection, records, written, as_json)
+        work.publish(lambda folder: _write(selection, records, folder, activity))
+    work.answer(as_json, selection.to_dict, lambda: _blocks(selection, records))
+    _refuse_none(selection)
 
 
 def candidates_from(poles: str, zeros: str, template: Structure) -> list[Structure]:
@@ -213,23 +211,20 @@ def _write(
     write_selection_report(selection, records, folder / "report.html", figures=folder)
 
 
-def _show(
-    selection: Selection, records: Sequence[Record], written: Sequence[Path], as_json: bool
-) -> None:
-    """Print; an answer that there is none is an error."""
-    if as_json:
-        show_json(selection.to_dict() | {"files": [str(path) for path in written]})
-    else:
-        own = selection.recommended
-        head = "no structure is recommended" if own is None else f"recommended: {own.label}"
-        notes = [paragraph(note, "- ") for note in selection.all_notes()]
-        show(
-            describe_records(records),
-            f"{head} (poles, zeros)\n" + paragraph(selection.reason, "  ", "  "),
-            make_table(selection.titles, [selection.table()]),
-            "\n".join(notes),
-            *describe_files(written),
-        )
+def _blocks(selection: Selection, records: Sequence[Record]) -> list[str | Table]:
+    """What is recommended and why, and the table of all candidates."""
+    own = selection.recommended
+    head = "no structure is recommended" if own is None else f"recommended: {own.label}"
+    return [
+        describe_records(records),
+        f"{head} (poles, zeros)\n" + paragraph(selection.reason, "  ", "  "),
+        make_table(selection.titles, [selection.table()]),
+        "\n".join(paragraph(note, "- ") for note in selection.all_notes()),
+    ]
+
+
+def _refuse_none(selection: Selection) -> None:
+    """An answer that there is none is an error, behind the table that says why."""
     if selection.recommended is None:
         labels = [row.label for row in selection.rows]
         tried = "; ".join(labels[:4]) + ("; and so on" if len(labels) > 4 else "")

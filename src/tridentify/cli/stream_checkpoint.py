@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tridentify.checks.values import check_keys, checked, whole_number
 from tridentify.errors import (
     DataError,
     OptionError,
@@ -24,6 +23,7 @@ from tridentify.errors import (
     shown,
 )
 from tridentify.estimation.answer.encoding import read_json
+from tridentify.record.checks.values import check_keys, checked, whole_number
 from tridentify.record.formats.streams.sources import Mark
 from tridentify.writing.files import write_atomically
 

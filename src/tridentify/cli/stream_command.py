@@ -8,17 +8,17 @@ import threading
 import time as clock
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
 import numpy as np
 
-from tridentify.checks.names import did_you_mean
 from tridentify.cli import options
 from tridentify.cli import stream_options as own
-from tridentify.cli.ask import nested_delays, nested_poles, nested_zeros
+from tridentify.cli.ask import nested_poles, nested_zeros
+from tridentify.cli.groups import Along, Late
 from tridentify.cli.load import rules_from, units_from
 from tridentify.cli.stream_checkpoint import (
     Snapshot,
@@ -27,7 +27,8 @@ from tridentify.cli.stream_checkpoint import (
     undamaged,
     write_checkpoint,
 )
-from tridentify.cli.stream_session import Session, StreamQuestion, check_every
+from tridentify.cli.stream_question import StreamQuestion, check_every
+from tridentify.cli.stream_session import Session
 from tridentify.cli.stream_show import LiveView
 from tridentify.cli.terminal import Activity, say, show_json_line
 from tridentify.errors import (
@@ -37,16 +38,11 @@ from tridentify.errors import (
     UnreadableFileError,
     shown,
 )
+from tridentify.record.checks.names import did_you_mean
+from tridentify.record.formats.streams.datagrams import UdpSource, loopback_address
 from tridentify.record.formats.streams.header import Asked, split_columns
 from tridentify.record.formats.streams.lines import LineCutter
-from tridentify.record.formats.streams.sources import (
-    ByteSource,
-    PipeSource,
-    UdpSource,
-    loopback_address,
-    source_of_file,
-)
-from tridentify.structure import Structure
+from tridentify.record.formats.streams.sources import ByteSource, PipeSource, source_of_file
 
 
 def stream(
@@ -54,32 +50,21 @@ def stream(
     outputs: options.Outputs,
     poles: options.Poles,
     zeros: options.Zeros,
+    *,
     source: own.SourceName = "-",
     time: own.Time = None,
     dt: own.Step = None,
-    intersample: own.Intersample = own.HeldInput.ZOH,
+    intersample: own.Intersample = "zoh",
     columns: own.ColumnNames = None,
-    form: own.LineForm = own.Form.AUTO,
-    decimal: own.DecimalSign = own.Decimal.POINT,
+    form: own.LineForm = "auto",
+    decimal: own.DecimalSign = ".",
     missing: options.Missing = None,
     units: options.Units = None,
     follow: own.Follow = False,
     idle: own.Idle = None,
-    delay: options.Delay = None,
-    offset: options.Offset = options.Choice.AUTO,
-    drift: options.Drift = None,
-    initial_state: options.InitialState = options.Beginning.AUTO,
-    method: own.Method = "three-model",
-    forgetting: own.Forgetting = None,
-    forget: own.ForgetHow = None,
-    walk: own.Walk = None,
-    filter_: own.Filter = None,
-    start: own.StartModel = None,
-    on_change: own.OnChanged = None,
-    samples: own.Opening = None,
-    clock_: own.Clock = None,
-    rate: own.Rate = None,
-    gamma: own.Gamma = None,
+    late: Late,
+    along: Along,
+    asking: own.Asking,
     every: own.Every = 1.0,
     live: own.Live = False,
     checkpoint: own.Checkpoint = None,
@@ -92,27 +77,12 @@ def stream(
     check_every(every)
     _check_resumable(checkpoint, resume)
     shape = len(outputs), len(inputs)
-    given = {
-        "forgetting": forgetting,
-        "forget": None if forget is None else forget.value,
-        "drift": own.walk_from(walk or ()),
-        "filter": own.filter_from(filter_),
-        "start": own.start_from(start),
-        "on_change": None if on_change is None else on_change.value,
-        "samples": samples,
-        "clock": clock_,
-        "rate": rate,
-        "gamma": gamma,
-    }
-    structure = Structure(
-        nested_poles(poles, *shape),
-        nested_zeros(zeros, *shape),
-        delay=nested_delays(delay or (), *shape),
-        offset=offset.answer,
-        drift=None if drift is None else drift.answer,
-        initial_state=initial_state.value,
+    structure = replace(
+        late.template(along, *shape),
+        poles=nested_poles(poles, *shape),
+        zeros=nested_zeros(zeros, *shape),
     )
-    chosen = own.chosen_estimator(method, given)
+    chosen = asking.chosen()
     with ExitStack() as stack:
         origin = _source(source, follow)
         stack.callback(origin.close)
@@ -122,14 +92,14 @@ def stream(
             time,
             uniform=time is None and dt is not None,
             columns=split_columns(columns) if columns else (),
-            form="" if form is own.Form.AUTO else form.value,
-            decimal=decimal.value,
+            form="" if form == "auto" else form,
+            decimal=decimal,
             units=tuple(units_from(units or ()).items()),
             name=origin.name,
         )
         rules = rules_from(missing or ())
         _check_rules([rule.channel for rule in rules], outputs)
-        question = StreamQuestion(asked, structure, chosen, dt, intersample.value, rules, every)
+        question = StreamQuestion(asked, structure, chosen, dt, intersample, rules, every)
         _try_out(question)
         run = _StreamRun(question, origin, checkpoint, idle)
         if resume:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import dataclasses
 import re
 from collections.abc import Mapping, Sequence
-from enum import StrEnum
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -21,43 +21,6 @@ if TYPE_CHECKING:
     from tridentify.online import Estimator
 
 method_option = partial(typer.Option, rich_help_panel="The method")
-
-
-class HeldInput(StrEnum):
-    """What the input does between samples; what comes next is not known yet."""
-
-    ZOH = "zoh"
-    FOH = "foh"
-
-
-class Form(StrEnum):
-    """What a line is."""
-
-    AUTO = "auto"
-    CSV = "csv"
-    JSON = "json"
-
-
-class Decimal(StrEnum):
-    """What stands before the fraction of a number in CSV."""
-
-    POINT = "."
-    COMMA = ","
-
-
-class Forget(StrEnum):
-    """How the past is forgotten."""
-
-    EXPONENTIAL = "exponential"
-    DIRECTIONAL = "directional"
-    RESETTING = "resetting"
-
-
-class OnChange(StrEnum):
-    """What is done when the coefficients have moved."""
-
-    RESTART = "restart"
-    FLAG = "flag"
 
 
 SourceName = Annotated[
@@ -84,7 +47,7 @@ Step = Annotated[
     ),
 ]
 Intersample = Annotated[
-    HeldInput,
+    Literal["zoh", "foh"],
     record_option(
         metavar="HOW",
         help="What the input does between samples: zoh (held) or foh. Unlike identify, stream "
@@ -98,11 +61,12 @@ ColumnNames = Annotated[
     ),
 ]
 LineForm = Annotated[
-    Form,
+    Literal["auto", "csv", "json"],
     record_option("--format", metavar="F", help="Lines are csv, json, or auto (by the first one)."),
 ]
 DecimalSign = Annotated[
-    Decimal, record_option("--decimal", metavar="SIGN", help="Decimal sign of CSV: . or ,")
+    Literal[".", ","],
+    record_option("--decimal", metavar="SIGN", help="Decimal sign of CSV: . or ,"),
 ]
 Follow = Annotated[
     bool,
@@ -114,60 +78,6 @@ Idle = Annotated[
     float | None,
     record_option(metavar="SECONDS", help="End when nothing has come for so long."),
 ]
-Method = Annotated[
-    str, method_option(metavar="NAME", help="On-line method; a wrong name lists them.")
-]
-Forgetting = Annotated[
-    float | None, method_option(metavar="X", help="Forgetting factor of a sample; 1 is none.")
-]
-ForgetHow = Annotated[
-    Forget | None,
-    method_option("--forget", metavar="HOW", help="exponential, directional or resetting."),
-]
-Walk = Annotated[
-    list[str] | None,
-    method_option(
-        "--walk",
-        metavar="X",
-        help="How far coefficients wander in a second (kalman): a share of their size such as "
-        "0.01, or a1=0.1 for one of them in its own unit; may be repeated.",
-    ),
-]
-Filter = Annotated[
-    str | None,
-    method_option(
-        "--filter",
-        metavar="C",
-        help="Coefficients of the filter's denominator, the highest power first, such as 1,5,6; "
-        "by default it is chosen from the first samples.",
-    ),
-]
-StartModel = Annotated[
-    Path | None,
-    method_option(
-        "--start", metavar="FILE", help="Begin from this model.json in place of a search."
-    ),
-]
-OnChanged = Annotated[
-    OnChange | None,
-    method_option(
-        "--on-change", metavar="HOW", help="When coefficients have moved: restart, or flag only."
-    ),
-]
-Opening = Annotated[
-    int | None,
-    method_option(
-        "--samples", min=1, metavar="N", help="Samples that are collected for the first search."
-    ),
-]
-Clock = Annotated[
-    float | None,
-    method_option(
-        "--clock", metavar="X", help="Seconds between two adaptations of filter and basis."
-    ),
-]
-Rate = Annotated[float | None, method_option(metavar="X", help="Rate of the gradient.")]
-Gamma = Annotated[float | None, method_option(metavar="X", help="Pole of the gradient's basis.")]
 Every = Annotated[
     float,
     result_option(metavar="SECONDS", help="Time of the data between two lines; inf for the last."),
@@ -181,6 +91,87 @@ Resume = Annotated[
     bool,
     result_option("--resume", help="Go on from the checkpoint; begin anew where there is none."),
 ]
+
+
+@dataclass(frozen=True)
+class Asking:
+    """Which estimator follows the coefficients, and its options."""
+
+    method: Annotated[
+        str, method_option(metavar="NAME", help="On-line method; a wrong name lists them.")
+    ] = "three-model"
+    forgetting: Annotated[
+        float | None, method_option(metavar="X", help="Forgetting factor of a sample; 1 is none.")
+    ] = None
+    forget: Annotated[
+        Literal["exponential", "directional", "resetting"] | None,
+        method_option("--forget", metavar="HOW", help="exponential, directional or resetting."),
+    ] = None
+    walk: Annotated[
+        list[str] | None,
+        method_option(
+            "--walk",
+            metavar="X",
+            help="How far coefficients wander in a second (kalman): a share of their size such as "
+            "0.01, or a1=0.1 for one of them in its own unit; may be repeated.",
+        ),
+    ] = None
+    filter: Annotated[
+        str | None,
+        method_option(
+            "--filter",
+            metavar="C",
+            help="Coefficients of the filter's denominator, the highest power first, such as "
+            "1,5,6; by default it is chosen from the first samples.",
+        ),
+    ] = None
+    start: Annotated[
+        Path | None,
+        method_option(
+            "--start", metavar="FILE", help="Begin from this model.json in place of a search."
+        ),
+    ] = None
+    on_change: Annotated[
+        Literal["restart", "flag"] | None,
+        method_option(
+            "--on-change",
+            metavar="HOW",
+            help="When coefficients have moved: restart, or flag only.",
+        ),
+    ] = None
+    samples: Annotated[
+        int | None,
+        method_option(
+            "--samples", min=1, metavar="N", help="Samples that are collected for the first search."
+        ),
+    ] = None
+    clock: Annotated[
+        float | None,
+        method_option(
+            "--clock", metavar="X", help="Seconds between two adaptations of filter and basis."
+        ),
+    ] = None
+    rate: Annotated[float | None, method_option(metavar="X", help="Rate of the gradient.")] = None
+    gamma: Annotated[
+        float | None, method_option(metavar="X", help="Pole of the gradient's basis.")
+    ] = None
+
+    def chosen(self) -> Estimator:
+        """The estimator with the options that were given.
+
+        Raises
+        ------
+        OptionError
+            There is no such method, or it has no such option, or refuses its value.
+        """
+        given = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        method, walk = given.pop("method"), given.pop("walk")
+        read = {
+            "drift": walk_from(walk or ()),
+            "filter": filter_from(self.filter),
+            "start": None if self.start is None else Estimate.load(self.start),
+        }
+        return chosen_estimator(method, given | read)
 
 
 def chosen_estimator(name: str, given: Mapping[str, Any]) -> Estimator:
@@ -276,8 +267,3 @@ def filter_from(given: str | None) -> tuple[float, ...] | None:
             "power first; correct it"
         )
     return tuple(float(cell) for cell in cells)
-
-
-def start_from(path: Path | None) -> Estimate | None:
-    """Read the model to start from."""
-    return None if path is None else Estimate.load(path)

@@ -7,27 +7,27 @@ between any two of them leaves a whole that can be resumed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.checks.values import check_keys, finite_number, whole_number
-from tridentify.cli.load import COMPARE, MissingRule
+from tridentify.cli.load import COMPARE
+from tridentify.cli.stream_question import StreamPlace, StreamQuestion
 from tridentify.cli.stream_show import Remarks, line_of
-from tridentify.errors import EmptyFileError, OptionError, TooFewSamplesError
+from tridentify.errors import EmptyFileError, TooFewSamplesError
 from tridentify.numerics.arrays import Array
-from tridentify.record.formats.streams.header import Asked
+from tridentify.record.checks.values import check_keys, finite_number, whole_number
 from tridentify.record.formats.streams.lines import WholeLines
-from tridentify.record.formats.streams.rows import RowReader, Rows
+from tridentify.record.formats.streams.read_rows import Rows
+from tridentify.record.formats.streams.rows import RowReader
 from tridentify.record.formats.streams.timeline import OPENING, Timeline, nominal_step
-from tridentify.structure import Structure
 
 if TYPE_CHECKING:
     from tridentify.estimation.answer.estimate import Estimate
-    from tridentify.online import Estimator, NotReadyError, State
+    from tridentify.online import NotReadyError, State
 
 Ints = NDArray[np.int64]
 
@@ -40,61 +40,6 @@ MOST_HELD = 1000
 """Remarks on lines that may wait, until the first samples have told the step."""
 MOSTLY = 8
 """One in so many samples off the raster makes it not worth while to feed the others in blocks."""
-
-
-@dataclass(frozen=True)
-class StreamQuestion:
-    """What is asked of a stream.
-
-    Attributes
-    ----------
-    asked : Asked
-        Which columns.
-    structure : Structure
-    method : Estimator
-    dt : float or None
-        Nominal step [s]; None to take it from the first samples.
-    intersample : str
-    rules : sequence of MissingRule
-        Output samples that do not count.
-    every : float
-        Time of the data between two lines [s].
-    """
-
-    asked: Asked
-    structure: Structure
-    method: Estimator
-    dt: float | None
-    intersample: str
-    rules: Sequence[MissingRule]
-    every: float
-
-    def to_dict(self) -> dict[str, Any]:
-        """Give what a checkpoint has to agree with, as plain values."""
-        asked = self.asked
-        return {
-            "inputs": list(asked.inputs),
-            "outputs": list(asked.outputs),
-            "method": self.method.to_dict(),
-            "structure": self.structure.to_dict(),
-            "time": asked.time,
-            "dt": self.dt,
-            "intersample": self.intersample,
-            "missing": [f"{rule.channel}{rule.sign}{rule.limit!r}" for rule in self.rules],
-        }
-
-
-@dataclass
-class StreamPlace:
-    """How far a stream was read, in step with the estimator's state; what came out and was lost."""
-
-    position: int = 0
-    line: int = 0
-    malformed: int = 0
-    time: float = 0.0
-    elapsed: float = 0.0
-    emitted: int = 0
-    dropped: int | None = None
 
 
 @dataclass(frozen=True)
@@ -491,16 +436,3 @@ class Session:
         if self.place.dropped is not None:
             at["dropped"] = self.place.dropped
         return line_of(self.state, estimate, str(self.refused or ""), flags, at, final)
-
-
-def check_every(every: float) -> None:
-    """Refuse what is no time between two lines.
-
-    Raises
-    ------
-    OptionError
-    """
-    if not every > 0.0:
-        raise OptionError(
-            f"found --every {every:g}; expected seconds above zero, or inf; correct it"
-        )

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tridentify.checks.samples import time_slack
 from tridentify.cli.knowledge import NUMBER
 from tridentify.errors import OptionError, shown
+from tridentify.record.checks.times import time_slack
 from tridentify.record.record import Record
 
 _STRETCH = re.compile(rf"\s*({NUMBER})?\s*:\s*({NUMBER})?\s*")

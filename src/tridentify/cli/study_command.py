@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tridentify.cli.results import ResultFolder
-from tridentify.cli.run import describe_files
 from tridentify.cli.terminal import Activity, plain, show, show_json
+from tridentify.cli.work import at_work, describe_files
 from tridentify.errors import OptionError, shown
 from tridentify.writing.files import write_atomically
 
@@ -112,18 +110,18 @@ def _program(
     """A study that is a program: its folder appears at the end."""
     from tridentify.plots.study import save_study_figures
 
-    written: Sequence[Path] = ()
-    with ExitStack() as stack:
-        results = None if out is None else stack.enter_context(ResultFolder(out))
-        activity = stack.enter_context(Activity())
+    with at_work(out) as work:
+        activity = work.activity
         activity.stage(f"study {chosen.name}, {draws} draws")
         result = chosen.run(draws=draws, seed=seed, workers=workers, progress=activity.count)
-        if results is not None:
+
+        def write(folder: Path) -> None:
             activity.stage("drawing the pictures")
-            _write(result, results.draft, chosen.name, chosen.name)
-            save_study_figures(result, results.draft)
-            written = results.publish()
-    return result, written
+            _write(result, folder, chosen.name, chosen.name)
+            save_study_figures(result, folder)
+
+        work.publish(write)
+    return result, work.written
 
 
 def _declared(

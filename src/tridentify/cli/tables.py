@@ -13,7 +13,7 @@ from rich.table import Table
 
 from tridentify.cli.terminal import paragraph
 from tridentify.estimation.answer.estimate import Estimate, Parameter
-from tridentify.estimation.answer.finding import beside_errors
+from tridentify.estimation.answer.finding import Finding, beside_errors
 from tridentify.estimation.answer.parameter import NOT_DETERMINED
 from tridentify.estimation.answer.trust import unusable
 from tridentify.record.record import Record
@@ -142,6 +142,17 @@ def describe_status(estimate: Estimate) -> str:
     told = [finding.text for finding in estimate.findings if not finding.matters]
     lines += [paragraph(text, "  note: ", "    ") for text in told]
     return "\n".join(lines)
+
+
+def describe_findings(findings: Iterable[Finding]) -> list[str]:
+    """What was found, the serious marked, each with what to do about it."""
+    lines = []
+    for finding in findings:
+        said = f"{finding.message} {finding.effect}".strip()
+        lines.append(paragraph(said, "! " if finding.matters else "- ", "  "))
+        if finding.remedy:
+            lines.append(paragraph(finding.remedy, "  what to do: ", "    "))
+    return lines
 
 
 def describe_notes(estimate: Estimate, *, verbose: bool = False) -> list[str]:

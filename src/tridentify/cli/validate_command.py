@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, cast
 
 import typer
+from rich.table import Table
 
-from tridentify.checks.samples import Intersample
 from tridentify.cli import options
 from tridentify.cli.groups import Reading
 from tridentify.cli.load import load
-from tridentify.cli.results import ResultFolder
-from tridentify.cli.run import describe_files, load_compiled
+from tridentify.cli.run import load_compiled
 from tridentify.cli.stored_models import model_file
-from tridentify.cli.tables import describe_records, make_table
-from tridentify.cli.terminal import Activity, paragraph, show, show_json
+from tridentify.cli.tables import describe_findings, describe_records, make_table
+from tridentify.cli.terminal import Activity, paragraph
+from tridentify.cli.work import at_work
 from tridentify.errors import ChannelNameError, DataError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.validation import Validation
+from tridentify.record.checks.samples import Intersample
 from tridentify.record.record import Record
 from tridentify.writing.files import write_atomically
 from tridentify.writing.layout import format_p
@@ -59,7 +59,7 @@ Outputs = Annotated[
     ),
 ]
 Held = Annotated[
-    options.Between | None,
+    Intersample | None,
     options.record_option(
         metavar="HOW",
         help="What the input does between samples: zoh, foh or band-limited; by default as when "
@@ -118,6 +118,8 @@ def validate(
 
     Example: tridentify validate result/model.json flight.csv
     """
+    from tridentify.judgement.validation import validate as judge
+
     order = "tridentify validate result/model.json flight.csv"
     estimate = Estimate.load(model_file(model, order, files))
     source = reading.source(
@@ -126,10 +128,8 @@ def validate(
         columns_of("output", outputs, estimate.output_names),
         cast("Intersample", estimate.intersample) if reading.intersample is None else None,
     )
-    written: Sequence[Path] = ()
-    with ExitStack() as stack:
-        results = None if out is None else stack.enter_context(ResultFolder(out))
-        activity = stack.enter_context(Activity())
+    with at_work(out) as work:
+        activity = work.activity
         records = [
             renamed(record, estimate.input_names, estimate.output_names)
             for record in load(source, activity)
@@ -137,14 +137,9 @@ def validate(
         load_compiled(activity)
         activity.stage("testing the residual")
         which = _experiment(estimate, records, experiment)
-        found = _validation(estimate, records, which, level)
-        if results is not None:
-            _write(estimate, found, records, which, results.draft, activity)
-            written = results.publish()
-    if as_json:
-        show_json(found.to_dict() | {"files": [str(path) for path in written]})
-    else:
-        _show(found, records, written)
+        found = judge(estimate, records, experiment=which, level=level)
+        work.publish(lambda folder: _write(estimate, found, records, which, folder, activity))
+    work.answer(as_json, found.to_dict, lambda: _blocks(found, records))
     if check and not found.ok:
         raise typer.Exit(NOT_TRUSTED)
 
@@ -214,14 +209,6 @@ def _experiment(
     return None if experiment is None else experiment - 1
 
 
-def _validation(
-    estimate: Estimate, records: Sequence[Record], which: int | None, level: float
-) -> Validation:
-    from tridentify.judgement.validation import validate as judge
-
-    return judge(estimate, records, experiment=which, level=level)
-
-
 def _write(
     estimate: Estimate,
     found: Validation,
@@ -241,14 +228,8 @@ def _write(
     write_validation_report(estimate, found, records, page, experiment=which, figures=folder)
 
 
-def _show(found: Validation, records: Sequence[Record], written: Sequence[Path]) -> None:
-    """Print verdict, findings and tables."""
-    lines = [paragraph(found.verdict)]
-    for finding in found.findings:
-        said = f"{finding.message} {finding.effect}".strip()
-        lines.append(paragraph(said, "! " if finding.matters else "- ", "  "))
-        if finding.remedy:
-            lines.append(paragraph(finding.remedy, "  what to do: ", "    "))
+def _blocks(found: Validation, records: Sequence[Record]) -> list[str | Table]:
+    """Verdict, findings and tables."""
     expected = [""] * len(found.output_names)
     if found.transfer is not None:
         expected = [f"{fit:.2f}" for fit in found.transfer.expected_fit]
@@ -262,11 +243,10 @@ def _show(found: Validation, records: Sequence[Record], written: Sequence[Path])
         (f"{test.name} ({test.output})", format_p(test.p_value), "rejected" * test.rejected)
         for test in found.tests
     ]
-    show(
+    return [
         describe_records(records),
-        "\n".join(lines),
+        "\n".join([paragraph(found.verdict), *describe_findings(found.findings)]),
         make_table(("output", "fit [%]", "expected", "R2_T"), [fits]),
         *([make_table(("test", "p-value", ""), [tests])] if tests else []),
         "\n".join(paragraph(note, "- ", "  ") for note in found.notes),
-        *describe_files(written),
-    )
+    ]

@@ -12,7 +12,8 @@ from tridentify.excitation.doublet import doublet
 from tridentify.excitation.multisine import multisine
 from tridentify.excitation.optimal import Spectrum, optimal_spectrum
 from tridentify.excitation.prbs import prbs
-from tridentify.excitation.precise import Precision, precision
+from tridentify.excitation.precise import precision
+from tridentify.excitation.precision_result import Precision
 from tridentify.excitation.signal import Excitation
 from tridentify.excitation.three_two_one_one import three_two_one_one
 

@@ -13,10 +13,10 @@ from typing import Literal
 
 import numpy as np
 
-from tridentify.checks.samples import Intersample
 from tridentify.errors import OptionError, shown
 from tridentify.excitation.checks import band_of, positive, samples_of
 from tridentify.excitation.signal import Excitation
+from tridentify.record.checks.samples import Intersample
 
 
 def chirp(

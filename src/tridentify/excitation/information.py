@@ -32,10 +32,10 @@ from tridentify.estimation.knowledge.solve import problem_for
 from tridentify.estimation.likelihood.cost import evaluate
 from tridentify.estimation.likelihood.curvature import SINGULAR, physical_transform
 from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidates
+from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.least_squares import triangle
 from tridentify.record.record import Record
-from tridentify.simulate import simulate
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 

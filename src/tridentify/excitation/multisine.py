@@ -20,12 +20,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tridentify.checks.samples import Intersample
 from tridentify.errors import OptionError, shown
 from tridentify.excitation.checks import band_of, count, positive, samples_of, vector
 from tridentify.excitation.crest import Lines, low_crest, signal_of
 from tridentify.excitation.signal import Excitation
 from tridentify.numerics.arrays import Array
+from tridentify.record.checks.samples import Intersample
 
 OVERSAMPLED = 8
 

@@ -39,7 +39,8 @@ from tridentify.excitation.design import Criterion, Design, SpectralLines, best_
 from tridentify.excitation.frequency import candidates, response_gradient
 from tridentify.excitation.information import coefficients_of, model_from
 from tridentify.excitation.multisine import multisine
-from tridentify.excitation.precise import Precision, asked, noise_of, precision
+from tridentify.excitation.precise import asked, noise_of, precision
+from tridentify.excitation.precision_result import Precision
 from tridentify.excitation.signal import Excitation
 from tridentify.excitation.usual import usual_inputs
 from tridentify.numerics.arrays import Array

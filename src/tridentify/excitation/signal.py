@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tridentify.checks.names import check_units
-from tridentify.checks.samples import Intersample, channel_names
 from tridentify.errors import OptionError, ShapeError, shown
 from tridentify.excitation.checks import count, not_negative, positive
 from tridentify.numerics.arrays import Array
+from tridentify.record.checks.names import check_units
+from tridentify.record.checks.samples import Intersample, channel_names
 from tridentify.record.record import Record
 from tridentify.writing.files import write_atomically
 from tridentify.writing.layout import format_table, html_table

@@ -37,8 +37,8 @@ from tridentify.errors import (
     UnsupportedError,
     shown,
 )
+from tridentify.models.simulate import realize
 from tridentify.numerics.arrays import Array
-from tridentify.simulate import realize
 from tridentify.transfer_function import TransferFunction
 
 Method = Literal["zoh", "tustin"]

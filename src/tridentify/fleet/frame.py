@@ -10,20 +10,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from tridentify.checks.samples import Intersample
 from tridentify.errors import MissingDependencyError, SampleTypeError
 from tridentify.estimation.methods.base import Method
 from tridentify.fleet.attempt import OnRecords, attempted
 from tridentify.fleet.job import Item
 from tridentify.fleet.rows import COLUMNS, Fit, fit_row, to_frame
 from tridentify.fleet.sources import items_of
+from tridentify.fleet.workers.children import WORKERS
+from tridentify.fleet.workers.job import Outcome
 from tridentify.fleet.working import MEMORY, checked_limits
 from tridentify.identify import checked_structure
 from tridentify.judgement.choice import checked_method
+from tridentify.record.checks.samples import Intersample
 from tridentify.record.formats.assemble import Wanted
 from tridentify.structure import AutoStructure, Structure
-from tridentify.workers.children import WORKERS
-from tridentify.workers.job import Outcome
 from tridentify.writing.views import pandas_frame
 
 __all__ = ["arrow_schema", "ddl", "fit_frame"]

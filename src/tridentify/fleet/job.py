@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from tridentify.fleet.workers.job import CRASHED, OVER_TIME
 from tridentify.record.formats.assemble import Wanted
 from tridentify.record.record import Record
-from tridentify.workers.job import CRASHED, OVER_TIME
 
 OVER_MEMORY = "over memory"
 BAD_INPUT = "bad input"

@@ -17,10 +17,10 @@ from tridentify.fleet.attempt import OnRecords
 from tridentify.fleet.job import Item
 from tridentify.fleet.local import Local, Piece
 from tridentify.fleet.work import Task
-from tridentify.workers.children import WORKERS
-from tridentify.workers.dispatch import Batches, Lost, dispatch
-from tridentify.workers.engines import Engine
-from tridentify.workers.job import Limits
+from tridentify.fleet.workers.children import WORKERS
+from tridentify.fleet.workers.dispatch import Batches, Lost, dispatch
+from tridentify.fleet.workers.engines import Engine
+from tridentify.fleet.workers.job import Limits
 
 __all__ = ["Sums", "add_batch", "pieces_of", "summed"]
 

@@ -19,12 +19,12 @@ import numpy as np
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.methods.base import Method
 from tridentify.fleet.job import Item
+from tridentify.fleet.workers.job import Outcome
 from tridentify.identify import search
 from tridentify.numerics.arrays import Array
 from tridentify.record.formats.assemble import Wanted
 from tridentify.record.record import Record
 from tridentify.structure import AutoStructure, Structure
-from tridentify.workers.job import Outcome
 from tridentify.writing.layout import as_call
 
 __all__ = ["COLUMNS", "Fit", "fit_row", "packed", "row_of", "to_frame", "unpacked"]

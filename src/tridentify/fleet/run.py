@@ -24,12 +24,12 @@ from tridentify.fleet.pool import Pool, pooled
 from tridentify.fleet.sources import items_of
 from tridentify.fleet.store import Store
 from tridentify.fleet.together import Together, chosen_nuisance, joint
+from tridentify.fleet.workers.engines import Engine, engine
 from tridentify.fleet.working import Question, checked_limits, telling, work_off
 from tridentify.numerics.arrays import Array
 from tridentify.record.formats.assemble import Wanted
 from tridentify.record.record import Record
 from tridentify.structure import Structure
-from tridentify.workers.engines import Engine, engine
 from tridentify.writing.files import write_atomically
 from tridentify.writing.layout import format_table, format_value
 from tridentify.writing.views import FleetViews, pandas_frame

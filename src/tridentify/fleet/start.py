@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from tridentify.checks.samples import Intersample
 from tridentify.estimation.methods.base import Method
 from tridentify.fleet.local import refuse_references, summable
 from tridentify.fleet.rows import Fit
@@ -26,6 +25,7 @@ from tridentify.fleet.working import (
 )
 from tridentify.identify import checked_structure
 from tridentify.judgement.choice import checked_method
+from tridentify.record.checks.samples import Intersample
 from tridentify.record.formats.assemble import Instants, Wanted
 from tridentify.structure import AutoStructure, Structure
 

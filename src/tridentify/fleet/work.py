@@ -14,8 +14,8 @@ from tridentify.fleet.attempt import OnRecords
 from tridentify.fleet.job import Item, Job
 from tridentify.fleet.rows import fit_row
 from tridentify.fleet.store import write_part
-from tridentify.workers.children import WORKERS
-from tridentify.workers.job import Limits
+from tridentify.fleet.workers.children import WORKERS
+from tridentify.fleet.workers.job import Limits
 
 __all__ = ["Counts", "Task", "fit_batch"]
 

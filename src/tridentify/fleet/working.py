@@ -15,9 +15,9 @@ from tridentify.fleet.job import Item
 from tridentify.fleet.rows import Fit, fit_row
 from tridentify.fleet.store import Store, write_part
 from tridentify.fleet.work import Counts, Task, fit_batch
-from tridentify.workers.dispatch import Batches, Lost, dispatch
-from tridentify.workers.engines import engine
-from tridentify.workers.job import CRASHED, Limits, Outcome
+from tridentify.fleet.workers.dispatch import Batches, Lost, dispatch
+from tridentify.fleet.workers.engines import engine
+from tridentify.fleet.workers.job import CRASHED, Limits, Outcome
 
 __all__ = ["LOG", "MEMORY", "Progress", "Question", "checked_limits", "telling", "work_off"]
 

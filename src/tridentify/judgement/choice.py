@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
-from tridentify.checks.samples import Behaviour
 from tridentify.errors import OptionError, SampleTypeError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import ranked
@@ -37,6 +36,7 @@ from tridentify.judgement.cautions import judged
 from tridentify.judgement.cautions.coefficients import coefficient_findings
 from tridentify.judgement.direct import about_direct, predictor_findings
 from tridentify.judgement.validation.reacting_reference import reference_findings
+from tridentify.record.checks.samples import Behaviour
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 from tridentify.writing.layout import as_call

@@ -17,12 +17,12 @@ from typing import Protocol
 
 import numpy as np
 
-from tridentify.checks.samples import typical_step
-from tridentify.checks.scales import LARGEST_TIME
 from tridentify.errors import OptionError, shown
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.realization import cascade, sort_poles
 from tridentify.numerics.sampled import Sampled, States
+from tridentify.record.checks.scales import LARGEST_TIME
+from tridentify.record.checks.times import typical_step
 from tridentify.record.record import Record
 
 

@@ -1,6 +1,7 @@
 """The three models while the data arrive: one sample at a time, or a record run through."""
 
-from tridentify.online.estimator import Estimator, NotReadyError
+from tridentify.online.asked import NotReadyError
+from tridentify.online.estimator import Estimator
 from tridentify.online.flags import Flag
 from tridentify.online.gradient import Gradient
 from tridentify.online.kalman import Kalman

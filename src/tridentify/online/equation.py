@@ -43,13 +43,9 @@ import scipy.linalg
 from tridentify.errors import UnsupportedError
 from tridentify.estimation.answer.estimate import Estimate, Status, Trace
 from tridentify.numerics.arrays import Array, Complex
+from tridentify.online.asked import not_ready
 from tridentify.online.equation_plan import maps_of
-from tridentify.online.estimator import (
-    CompiledKernels,
-    check_asked,
-    kept_samples,
-    not_ready,
-)
+from tridentify.online.estimator import CompiledKernels, check_asked, kept_samples
 from tridentify.online.findings import bias_finding, with_findings
 from tridentify.online.kernels import slots
 from tridentify.online.layout import (

@@ -18,45 +18,43 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tridentify.checks.scales import MOST_STEPS, check_span
 from tridentify.errors import (
     ChannelCountError,
     DelayError,
     OptionError,
-    SampleTypeError,
     SamplingError,
     ScaleError,
     TridentifyError,
-    UndeterminedError,
     UnsupportedError,
     shown,
 )
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.methods.capability import Capability, refuse_unsupported
 from tridentify.numerics.arrays import Array
+from tridentify.online.arriving import (
+    as_table,
+    bounded_intervals,
+    checked_interval,
+    constants_after,
+    names_given,
+    put_sample,
+)
+from tridentify.online.asked import NotReadyError, check_state, is_number
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.workspace import LONGEST, Workspace
 from tridentify.online.layout import Blueprint, Setting, smallest_channel
 from tridentify.online.state import MAKERS, State
+from tridentify.record.checks.scales import check_span
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 
 Ints = NDArray[np.int64]
 
-LEAST_FORGETTING = 0.5
-"""Least factor of forgetting: two samples are remembered there, and no model is known from them."""
-SAME = 1e-9
-"""Relative difference within which two sampling intervals are one: rounding of times that are
-counted from far away."""
 BATCH = 256
 """Intervals for which constants are made at once where time is uneven."""
 MOST_DELAY = 1_000_000
 """Samples for which an input may be late: 8 MB of each input, which are copied with every state."""
-
-
-class NotReadyError(UndeterminedError):
-    """The samples so far do not determine the coefficients."""
 
 
 LONG_RECORD = 4000
@@ -214,7 +212,10 @@ class Estimator(ABC):
                 "correct it"
             )
         check_span(float(dt), float(dt))
-        inputs, outputs = _names("input_names", input_names), _names("output_names", output_names)
+        inputs, outputs = (
+            names_given("input_names", input_names),
+            names_given("output_names", output_names),
+        )
         if intersample not in ("zoh", "foh"):
             raise UnsupportedError(
                 f"found intersample={shown(intersample)}; {self.name} on-line expects 'zoh' (held) "
@@ -297,11 +298,11 @@ class Estimator(ABC):
             x[slots.INBOX] = u
             x[slots.INBOX + 1] = y
         else:
-            _put(x, setting, u, y)
+            put_sample(x, setting, u, y)
         if interval is None:
             constants, seconds = blueprint.constants, setting.dt
         else:
-            constants, seconds = _after(state, interval)
+            constants, seconds = constants_after(state, interval)
         innovation = self.kernels().step(ints, constants, x, seconds)
         found = State(x, stage)
         if x[slots.EVENT]:
@@ -330,7 +331,7 @@ class Estimator(ABC):
         flags : (n_samples,) int array
             As numbers (`online.Flag`).
         """
-        u, y = (np.ascontiguousarray(_table(one), dtype=np.float64) for one in (u, y))
+        u, y = (np.ascontiguousarray(as_table(one), dtype=np.float64) for one in (u, y))
         check_state(state)
         setting = state.stage.setting
         check_owner(self, state.stage.method)
@@ -378,7 +379,7 @@ class Estimator(ABC):
             constants = stage.blueprint.constants
             if not regular:
                 if made is None or made[0] is not stage.blueprint or k >= made[1] + len(made[2]):
-                    ahead = _within(intervals[k : k + BATCH], stage.setting.dt)
+                    ahead = bounded_intervals(intervals[k : k + BATCH], stage.setting.dt)
                     found = self.constants_for(stage.blueprint, stage.setting, ahead)
                     made = stage.blueprint, k, found
                 constants = made[2][k - made[1]]
@@ -434,19 +435,6 @@ class Estimator(ABC):
         return {"name": self.name, "options": options}
 
 
-def check_state(state: object) -> None:
-    """Refuse what is no state.
-
-    Raises
-    ------
-    OptionError
-    """
-    if not isinstance(state, State):
-        raise OptionError(
-            f"found state={shown(state)}; expected what init, step or State.load gave; pass that"
-        )
-
-
 def check_asked(method: Estimator, state: object) -> None:
     """Refuse to estimate from what is no state of this estimator, or has no room in a float.
 
@@ -491,127 +479,3 @@ def kept_samples(state: State) -> Array:
     at = int(ints[slots.AT_CHUNK])
     newest = x[at : at + int(x[slots.FILLED]) * width].reshape(-1, width)
     return np.vstack([*stage.past, newest])
-
-
-def check_forgetting(forgetting: object) -> None:
-    """Refuse what is no forgetting factor.
-
-    Raises
-    ------
-    OptionError
-    """
-    if not is_number(forgetting) or not LEAST_FORGETTING <= float(forgetting) <= 1.0:  # type: ignore[arg-type]
-        raise OptionError(
-            f"found forgetting={shown(forgetting)}; expected a factor from {LEAST_FORGETTING:g} to "
-            "1 (1 forgets nothing; 1 / (1 - forgetting) samples are remembered); correct it"
-        )
-
-
-def check_choice(name: str, value: object, choices: Sequence[str]) -> None:
-    """Refuse what is not among the choices.
-
-    Raises
-    ------
-    OptionError
-    """
-    if value not in choices:
-        raise OptionError(
-            f"found {name}={shown(value)}; expected {' or '.join(map(repr, choices))}; choose one"
-        )
-
-
-def checked_interval(state: State, interval: float) -> tuple[bool, float]:
-    """Whether an interval is the usual one, and the interval [s].
-
-    Raises
-    ------
-    SamplingError
-        It is not above zero, or out of proportion to the usual one.
-    UnsupportedError
-        It is not the usual one, and there are delays.
-    """
-    if not is_number(interval) or not 0.0 < float(interval) < math.inf:
-        raise SamplingError(
-            f"found interval={shown(interval)}; expected the time since the sample before, above "
-            "zero, in seconds; leave the sample out, or correct it"
-        )
-    seconds = float(interval)
-    setting = state.stage.setting
-    if abs(seconds - setting.dt) <= SAME * setting.dt or state.values[slots.COUNT] == 0.0:
-        return True, setting.dt
-    if not 1.0 / MOST_STEPS <= seconds / setting.dt <= MOST_STEPS:
-        raise SamplingError(
-            f"found interval={seconds:g} s; expected the time since the sample before, within a "
-            f"factor of {MOST_STEPS:.1e} of {setting.dt:g} s; leave the sample out, or correct it"
-        )
-    if any(setting.delays):
-        raise UnsupportedError(
-            f"found interval={seconds:g} s with a delay; expected samples every {setting.dt:g} s, "
-            "since the delayed input is kept in samples; resample the stream, or drop the delay"
-        )
-    return False, seconds
-
-
-def _within(intervals: Array, dt: float) -> Array:
-    """Intervals that are not looked at yet, where they have matrices at all."""
-    held = np.where(np.isfinite(intervals), intervals, dt)
-    return np.clip(held, max(SAME, 1.0 / MOST_STEPS) * dt, MOST_STEPS * dt)
-
-
-def _after(state: State, interval: float) -> tuple[Array, float]:
-    regular, seconds = checked_interval(state, interval)
-    setting, blueprint = state.stage.setting, state.stage.blueprint
-    if regular:
-        return blueprint.constants, seconds
-    return state.method.constants_for(blueprint, setting, np.array([seconds]))[0], seconds
-
-
-def _put(x: Array, setting: Setting, u: ArrayLike, y: ArrayLike) -> None:
-    at = slots.INBOX
-    for what, value, names in (("u", u, setting.input_names), ("y", y, setting.output_names)):
-        if isinstance(value, str):
-            raise SampleTypeError(
-                f"found {what}={shown(value)}; expected numbers; convert the sample first"
-            )
-        try:
-            row = np.asarray(value, dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            raise SampleTypeError(
-                f"found {what}={shown(value)}; expected {len(names)} "
-                f"number{'s' if len(names) > 1 else ''}; convert the sample first"
-            ) from error
-        if row.size != len(names) or row.ndim > 1:
-            raise ChannelCountError(
-                f"found {what} of shape {row.shape}; expected {len(names)} "
-                f"value{'s' if len(names) > 1 else ''} ({', '.join(names)}); give one for each "
-                "channel"
-            )
-        x[at : at + len(names)] = row
-        at += len(names)
-
-
-def _table(values: Array) -> Array:
-    values = np.asarray(values)
-    return values[:, None] if values.ndim == 1 else values
-
-
-def _names(what: str, names: Sequence[str]) -> list[str]:
-    if isinstance(names, str) or not all(isinstance(name, str) for name in names) or not names:
-        raise OptionError(
-            f"found {what}={shown(names)}; expected names of channels; write for example "
-            f"{what}=['elevator']"
-        )
-    return list(names)
-
-
-def is_number(value: object) -> bool:
-    """Whether a value is a real number."""
-    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
-
-
-def not_ready(count: int, what: str) -> NotReadyError:
-    """The error that says so, with what to do."""
-    return NotReadyError(
-        f"found {count} samples, which {what}; expected samples that excite all coefficients; go "
-        "on stepping, or give a model with start="
-    )

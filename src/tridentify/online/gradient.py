@@ -78,13 +78,8 @@ from tridentify.numerics.arrays import Array
 from tridentify.numerics.realization import denominator
 from tridentify.numerics.slices import Slices
 from tridentify.numerics.threads import one_blas_thread
-from tridentify.online.estimator import (
-    CompiledKernels,
-    check_asked,
-    check_choice,
-    kept_samples,
-    not_ready,
-)
+from tridentify.online.asked import check_choice, not_ready
+from tridentify.online.estimator import CompiledKernels, check_asked, kept_samples
 from tridentify.online.findings import noise_finding, with_findings
 from tridentify.online.gradient_periods import (
     PERIODS_TO_BE_SURE,

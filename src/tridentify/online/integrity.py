@@ -11,76 +11,34 @@ vector has a range, and counts are whole.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.realization import cascade
 from tridentify.online.kernels import gradient_slots as places
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.slots import scatter_size, triangle_size
 from tridentify.online.layout import Blueprint, NuisanceColumns, Setting
-
-Ints = NDArray[np.int64]
+from tridentify.online.number_rules import (
+    ALARM_LASTS,
+    HUGE,
+    WHOLE,
+    BesideVector,
+    Ints,
+    NumberRule,
+    by_gradient,
+    check_rule,
+    on_equation,
+    rules_of,
+)
 
 MOST_COEFFICIENTS = 10_000
 """Of a structure; their covariance alone would take 800 MB."""
 MOST_ORDER = 600
 """States of a bank or degree of a polynomial; its exact equivalent takes a second to make."""
-WHOLE = 2.0**53
-"""Beyond this a float does not count any more."""
-HUGE = 1e250
-"""Larger than any sum of products of samples, which are below 1e40; its square overflows."""
 AGREES, AGREES_WITHIN = 1e-6, 1e-9
 """How far constants made by another library may be off: relative, and to the largest beside."""
-ALARM_LASTS = 200.0
-"""Samples; the longest of the estimators."""
-EVERY_FLAG = 2 * slots.NOT_READY - 1
-
-
-class BesideVector(Protocol):
-    """What stands beside the vector of an estimator (`online.state.Stage`)."""
-
-    @property
-    def setting(self) -> Setting:
-        """What the estimator was told."""
-
-    @property
-    def blueprint(self) -> Blueprint:
-        """Its plan."""
-
-    @property
-    def poles(self) -> Complex:
-        """Of the model."""
-
-    @property
-    def past(self) -> tuple[Array, ...]:
-        """Samples that are kept."""
-
-    @property
-    def changes(self) -> tuple[int, ...]:
-        """Samples at which the coefficients moved."""
-
-    @property
-    def searching(self) -> bool:
-        """Whether a model is still looked for."""
-
-    @property
-    def extra(self) -> tuple[Array, ...]:
-        """What else a method keeps."""
-
-
-class NumberRule(NamedTuple):
-    """What numbers of a vector may be: from ``least`` to ``most``, no nan; ``whole``: counts."""
-
-    what: str
-    at: int
-    length: int
-    least: float = -HUGE
-    most: float = HUGE
-    whole: bool = False
 
 
 def check_orders(poles: object, zeros: object, n_inputs: int, n_outputs: int) -> None:
@@ -173,27 +131,9 @@ def check_sound(stage: BesideVector, values: Array, rebuilt: Blueprint) -> None:
             raise ValueError(f"{found} {what}; the settings lead to {expected}")
     _check_constants(blueprint, rebuilt)
     _check_stage(stage, values)
-    for rule in _rules(stage, values):
+    for rule in rules_of(stage, values):
         check_rule(values, rule)
     _check_clocks(stage, values)
-
-
-def check_rule(values: Array, rule: NumberRule) -> None:
-    """Refuse numbers that are not what they may be.
-
-    Raises
-    ------
-    ValueError
-    """
-    own = values[rule.at : rule.at + rule.length]
-    good = (own >= rule.least) & (own <= rule.most)
-    if rule.whole:
-        good &= own == np.floor(own)
-    if not good.all():
-        kind = "a whole number" if rule.whole else "a number"
-        raise ValueError(
-            f"{rule.what} {own[~good][0]:g}; it is {kind} from {rule.least:g} to {rule.most:g}"
-        )
 
 
 # ---------------------------------------------------------------------------------------- constants
@@ -213,9 +153,9 @@ def _check_constants(blueprint: Blueprint, rebuilt: Blueprint) -> None:
     # these are lengths and degrees
     m, p = int(ints[slots.INPUTS]), int(ints[slots.OUTPUTS])
     exact = [(slots.INTERVAL, slots.CONSTANTS - slots.INTERVAL), (int(ints[slots.C_EXTRA]), m)]
-    if _on_equation(ints):
+    if on_equation(ints):
         exact.append((int(ints[slots.C_ZEROS]), m * p + 1))
-    if _by_gradient(ints):
+    if by_gradient(ints):
         exact[0] = (slots.INTERVAL, places.RATE - slots.INTERVAL)
     for at, count in exact:
         if not np.array_equal(c[at : at + count], rebuilt.constants[at : at + count]):
@@ -227,7 +167,7 @@ def _check_constants(blueprint: Blueprint, rebuilt: Blueprint) -> None:
 def _regions(ints: Ints, size: int) -> Iterator[tuple[int, int]]:
     """Where constants stand that follow from the settings."""
     known = [slots.C_STEP, slots.C_TAPS, slots.C_DIRECT, slots.C_START, slots.C_EXTRA]
-    if _on_equation(ints):
+    if on_equation(ints):
         known += [slots.C_OUTPUT, slots.C_BASIS, slots.C_MONIC, slots.C_ZEROS]
         others = [slots.C_WALK] if ints[slots.FILTERING] else []
     else:
@@ -240,26 +180,18 @@ def _regions(ints: Ints, size: int) -> Iterator[tuple[int, int]]:
 
 
 def _constant_rules(ints: Ints) -> Iterator[NumberRule]:
-    if _by_gradient(ints):
+    if by_gradient(ints):
         yield NumberRule("a rate", places.RATE, 1, 0.0)
         yield NumberRule("a mark", places.KNOWN, 1, 0.0, 1.0, whole=True)
         yield NumberRule("a readiness", places.READY, 1, 0.0, 1.0)
         yield NumberRule("a pace", places.GRADIENT_PACE, 1, 0.0, 0.0)
-    if _on_equation(ints):
+    if on_equation(ints):
         k, p = int(ints[slots.COEFFICIENTS]), int(ints[slots.OUTPUTS])
         yield NumberRule(
             "a weight", int(ints[slots.C_MONIC] + ints[slots.ORDER]) + 1, p, 1.0 / HUGE
         )
         if ints[slots.FILTERING]:
             yield NumberRule("a speed of drift", int(ints[slots.C_WIDTHS]), k, 0.0)
-
-
-def _on_equation(ints: Ints) -> bool:
-    return bool(ints[slots.COEFFICIENTS])
-
-
-def _by_gradient(ints: Ints) -> bool:
-    return bool(ints[places.X_FITS])
 
 
 # -------------------------------------------------------------------------------------------- stage
@@ -269,8 +201,8 @@ def _check_stage(stage: BesideVector, values: Array) -> None:
     ints, bank = blueprint.ints, blueprint.poles
     if bank.size:
         cascade(stage.poles)
-        whole_model = setting.n_poles if not _on_equation(ints) else bank.size
-        if _by_gradient(ints) and not ints[places.SERIES]:
+        whole_model = setting.n_poles if not on_equation(ints) else bank.size
+        if by_gradient(ints) and not ints[places.SERIES]:
             whole_model = bank.size - int(ints[places.KEPT])
         if stage.poles.size != whole_model:
             raise ValueError(f"{stage.poles.size} poles in place of {whole_model}")
@@ -282,7 +214,7 @@ def _check_stage(stage: BesideVector, values: Array) -> None:
     keeps = bool(ints[slots.CHUNK])
     if stage.searching and not keeps:
         raise ValueError("a search without samples to search")
-    suspecting = _on_equation(ints) or _by_gradient(ints)
+    suspecting = on_equation(ints) or by_gradient(ints)
     if stage.past and not (keeps or suspecting):
         raise ValueError("samples that are kept by nobody")
     for samples in stage.past:
@@ -312,10 +244,10 @@ def _check_changes(changes: Sequence[int], count: float) -> None:
 def _check_extra(stage: BesideVector, values: Array) -> None:
     """The periods of the gradient rule, its rate and their number; a vector as it was before."""
     ints = stage.blueprint.ints
-    if not _by_gradient(ints) and not _on_equation(ints):
+    if not by_gradient(ints) and not on_equation(ints):
         _check_snapshot(stage, values)
         return
-    own = 2 if _by_gradient(ints) else 0
+    own = 2 if by_gradient(ints) else 0
     expected = [own + 4] if values[slots.SUSPECT] > 0.0 else [own, own + 2]
     if len(stage.extra) not in expected:
         raise ValueError(f"{len(stage.extra)} further arrays in place of {expected[0]}")
@@ -355,123 +287,11 @@ def _check_snapshot(stage: BesideVector, values: Array) -> None:
     for before in stage.extra[:expected]:
         if before.size != values.size or before[slots.COUNT] > values[slots.COUNT]:
             raise ValueError("work that began with another vector")
-        for rule in _rules(stage, before):
+        for rule in rules_of(stage, before):
             check_rule(before, rule)
 
 
 # ------------------------------------------------------------------------------------------- vector
-def _rules(stage: BesideVector, values: Array) -> Iterator[NumberRule]:
-    """What the numbers of the vector may be; room for scratch numbers is left out."""
-    ints, setting = stage.blueprint.ints, stage.setting
-    m, p = setting.n_inputs, setting.n_outputs
-    yield from _clock_rules(ints)
-    line = int(ints[slots.AT_LARGEST] - ints[slots.AT_LINE])
-    yield NumberRule(
-        "an input", int(ints[slots.AT_LINE]), line, -2 * slots.LARGEST, 2 * slots.LARGEST
-    )
-    for k in range(m + p):
-        at = int(ints[slots.AT_LARGEST]) + 2 * k
-        yield NumberRule("a largest sample", at, 1, 0.0, slots.LARGEST)
-        yield NumberRule("a count", at + 1, 1, 0.0, WHOLE, whole=True)
-    for i in range(p):
-        yield from _watch_rules(ints, int(ints[slots.AT_WATCH] + i * ints[slots.WATCH]), values)
-        if ints[slots.SCATTER]:
-            at = int(ints[slots.AT_SCATTER] + i * ints[slots.SCATTER])
-            yield from _scatter_rules(int(ints[slots.DIRECTIONS]), at)
-    yield NumberRule("a regressor", int(ints[slots.AT_ROW]), int(ints[slots.COLUMNS]))
-    own = 1 if _on_equation(ints) else p
-    for i in range(own if ints[slots.FACTOR] else 0):
-        yield from _triangle_rules(ints, int(ints[slots.AT_FACTOR] + i * ints[slots.FACTOR]))
-    if _on_equation(ints):
-        begin, end = int(ints[slots.AT_IMPULSE]), int(ints[slots.AT_FACTOR])
-        yield NumberRule("a filtered signal or coefficient", begin, end - begin)
-        if ints[slots.FILTERING]:
-            n, at = int(ints[slots.COLUMNS]), int(ints[slots.AT_COVARIANCE])
-            yield NumberRule("a variance", at, n, 0.0)
-            yield NumberRule("a covariance", at + n, n * (n - 1) // 2)
-    if _by_gradient(ints):
-        begin, end = int(ints[places.X_FITS]), int(ints[places.X_ROOM])
-        yield NumberRule("a weight of a model", begin, end - begin)
-
-
-def _clock_rules(ints: Ints) -> Iterator[NumberRule]:
-    for slot in (slots.COUNT, slots.SINCE, slots.ALARM):
-        yield NumberRule("a count of samples", slot, 1, 0.0, WHOLE, whole=True)
-    yield NumberRule("a time", slots.TIME, 1, 0.0)
-    yield NumberRule("a flag", slots.FLAGS, 1, 0.0, EVERY_FLAG, whole=True)
-    yield NumberRule("a flag", slots.SEEN, 1, 0.0, EVERY_FLAG, whole=True)
-    yield NumberRule("an event", slots.EVENT, 1, 0.0, 0.0)
-    yield NumberRule("a tick", slots.TICK, 1, 0.0, np.inf, whole=True)
-    full = max(float(ints[slots.CHUNK]) - 1.0, 0.0)
-    yield NumberRule("a number of samples kept", slots.FILLED, 1, 0.0, full, whole=True)
-    yield NumberRule("a time", slots.BORN, 2)
-    if _by_gradient(ints):
-        yield NumberRule("a count of samples", places.FROM, 1, 0.0, np.inf, whole=True)
-        yield NumberRule("a count of samples", places.MOMENTS, 2, 0.0, WHOLE, whole=True)
-    else:
-        at = slots.OWN_TICK + 1
-        yield NumberRule("a number in a place for none", at, slots.WORK_AT - at, 0.0, 0.0)
-    yield NumberRule("a tick", slots.OWN_TICK, 1, 0.0, WHOLE, whole=True)
-    yield NumberRule("a tick", slots.DUE, 1, 0.0, WHOLE, whole=True)
-    yield NumberRule("a count of work", slots.WORK_AT, 3, 0.0, WHOLE, whole=True)
-
-
-def _watch_rules(ints: Ints, w: int, values: Array) -> Iterator[NumberRule]:
-    """Of one output (`online.kernels.intake`)."""
-    for slot in (slots.LAST, slots.AT_FIRST, slots.MEAN, slots.FITTED):
-        yield NumberRule("a value of an output", w + slot, 1)
-    for slot in (
-        slots.SCALE, slots.SQUARES, slots.WEIGHT, slots.WEIGHT2, slots.SPREAD, slots.FLOOR,
-    ):  # fmt: skip
-        yield NumberRule("a scale of an output", w + slot, 1, 0.0)
-    for slot, most in (
-        (slots.REPEATS, WHOLE), (slots.TAKEN, WHOLE), (slots.REFUSED, WHOLE), (slots.STANDS, 1.0),
-        (slots.LIMITS, 3.0), (slots.INSIDE, float(ints[slots.BLOCK]) - 1.0), (slots.IDLE, WHOLE),
-        (slots.MOVED, 1.0), (slots.BLOCKS, WHOLE), (slots.DOUBLES, WHOLE),
-        (slots.SCALED, slots.FIRST_SCALED),
-    ):  # fmt: skip
-        yield NumberRule("a count of an output", w + slot, 1, 0.0, most, whole=True)
-    if not np.isnan(values[w + slots.INNOVATION]):
-        yield NumberRule("an innovation", w + slots.INNOVATION, 1)
-    if values[w + slots.HIGHEST] != -np.inf or values[w + slots.LOWEST] != np.inf:
-        yield NumberRule(
-            "a limit of an output", w + slots.HIGHEST, 2, -slots.LARGEST, slots.LARGEST
-        )
-    k = int(ints[slots.DIRECTIONS])
-    width = k + k * (k + 1) // 2
-    yield NumberRule("a sensitivity", w + slots.SCORES, k)
-    for scale in range(slots.SCALES):
-        own = w + slots.SCORES + k + scale * (width + slots.SUMS)
-        yield NumberRule("a score", own, width)
-        yield NumberRule("a sum of scores", own + width, 2, 0.0)
-        yield NumberRule(
-            "a count of blocks", own + width + 2, 1, 0.0, slots.PER_SCALE - 1.0, whole=True
-        )
-        yield NumberRule("a count of blocks", own + width + 3, 1, 0.0, WHOLE, whole=True)
-    usual = w + slots.SCORES + k + slots.SCALES * (width + slots.SUMS)
-    yield NumberRule("a usual score", usual, k, 0.0)
-
-
-def _scatter_rules(k: int, at: int) -> Iterator[NumberRule]:
-    """Of one output (`online.scatter`)."""
-    width = k * (k + 1) // 2
-    yield NumberRule("a sum of squares", at, slots.HEADER, 0.0)
-    yield NumberRule("a scatter", at + slots.HEADER, width)
-    for level in range(slots.LEVELS):
-        own = at + slots.HEADER + width + level * (k + 2 + width)
-        yield NumberRule("a score", own, k)
-        yield NumberRule("a count of blocks", own + k, 1, 0.0, float(slots.PER_LEVEL), whole=True)
-        yield NumberRule("a number of blocks", own + k + 1, 1, 0.0, WHOLE)
-        yield NumberRule("a scatter", own + k + 2, width)
-
-
-def _triangle_rules(ints: Ints, at: int) -> Iterator[NumberRule]:
-    """Of one output, or of all (`numerics.recursive`)."""
-    n = int(ints[slots.COLUMNS])
-    yield NumberRule("a diagonal", at, n, 0.0)
-    yield NumberRule("a target", at + n, n)
-    yield NumberRule("a largest regressor", at + 2 * n, 2 * n, 0.0)
-    yield NumberRule("a triangle", at + 4 * n, int(ints[slots.FACTOR]) - 4 * n)
 
 
 def _check_clocks(stage: BesideVector, values: Array) -> None:
@@ -486,7 +306,7 @@ def _check_clocks(stage: BesideVector, values: Array) -> None:
     if abs(time - x[slots.TIME]) > AGREES * dt + AGREES_WITHIN * abs(time):
         raise ValueError(f"a time of {x[slots.TIME]:g} s after {count:g} samples")
     order = int(ints[slots.ORDER])
-    faded = order * int(ints[slots.OUTPUTS]) if _on_equation(ints) else order
+    faded = order * int(ints[slots.OUTPUTS]) if on_equation(ints) else order
     if x[slots.FIRST] not in ((0.0, float(faded)) if ints[slots.FREE] else (0.0,)):
         raise ValueError(f"{x[slots.FIRST]:g} columns that have faded")
     width = stage.setting.n_inputs + stage.setting.n_outputs + 1

@@ -11,11 +11,9 @@ import numpy as np
 from tridentify.errors import OptionError, shown
 from tridentify.estimation.methods.filtered.state_variable_filters import checked_filter
 from tridentify.numerics.arrays import Array, Complex
+from tridentify.online.asked import check_choice
 from tridentify.online.equation import EquationError, unknowns_of
 from tridentify.online.equation_plan import equation_blueprint, maps_of
-from tridentify.online.estimator import (
-    check_choice,
-)
 from tridentify.online.kernels import slots
 from tridentify.online.layout import (
     Blueprint,

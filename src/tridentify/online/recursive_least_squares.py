@@ -7,12 +7,9 @@ from typing import ClassVar
 
 from tridentify.estimation.methods.filtered.state_variable_filters import checked_filter
 from tridentify.numerics.arrays import Array, Complex
+from tridentify.online.asked import check_choice, check_forgetting
 from tridentify.online.equation import EquationError
 from tridentify.online.equation_plan import equation_blueprint
-from tridentify.online.estimator import (
-    check_choice,
-    check_forgetting,
-)
 from tridentify.online.kernels.slots import DIRECTIONAL, EXPONENTIAL, RESETTING
 from tridentify.online.layout import (
     Blueprint,

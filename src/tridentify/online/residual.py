@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg
 
+from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.slices import Slices
 from tridentify.online.layout import Setting
 from tridentify.online.result import model_of
 from tridentify.record.record import Record
-from tridentify.simulate import simulate
 
 PIECES = 12
 """Pieces of the samples in which the gain of a new model is counted, so that one manoeuvre or gust

@@ -14,7 +14,8 @@ from tridentify.errors import DataError, OptionError, SampleTypeError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.trace import freeze_arrays
 from tridentify.numerics.arrays import Array
-from tridentify.online.estimator import Estimator, NotReadyError
+from tridentify.online.asked import NotReadyError
+from tridentify.online.estimator import Estimator
 from tridentify.online.flags import Flag
 from tridentify.online.state import State
 from tridentify.record.record import Record

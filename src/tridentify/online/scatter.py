@@ -101,13 +101,6 @@ def _square(lower: Array, k: int) -> Array:
     return found + np.tril(found, -1).T
 
 
-def forget_scatter(blueprint: Blueprint, x: Array) -> None:
-    """As if no block had been seen."""
-    ints = blueprint.ints
-    at = int(ints[slots.AT_SCATTER])
-    x[at : at + int(ints[slots.OUTPUTS] * ints[slots.SCATTER])] = 0.0
-
-
 def take_scatter(old: Blueprint, was: Array, new: Blueprint, x: Array) -> None:
     """Copy it from one vector to another, where both follow the same directions."""
     a, b = old.ints, new.ints

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tridentify.checks.scales import MOST_STEPS, check_filter
 from tridentify.errors import OptionError, TridentifyError, shown
 from tridentify.estimation.answer.assemble import Request, assemble
 from tridentify.estimation.answer.estimate import Estimate, Status, Trace
@@ -22,6 +21,7 @@ from tridentify.numerics.realization import sort_poles
 from tridentify.numerics.slices import Slices
 from tridentify.online.kernels.slots import LARGEST
 from tridentify.online.layout import Setting
+from tridentify.record.checks.scales import MOST_STEPS, check_filter
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction

@@ -12,7 +12,6 @@ from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from tridentify.checks.values import check_keys, checked, texts
 from tridentify.errors import TridentifyError, shown
 from tridentify.estimation.answer.encoding import load_document, save_document
 from tridentify.numerics.arrays import Array, Complex
@@ -21,6 +20,7 @@ from tridentify.online.integrity import MOST_ORDER, check_orders, check_room, ch
 from tridentify.online.kernels import slots
 from tridentify.online.layout import Blueprint, NuisanceColumns, Setting
 from tridentify.online.task import Task
+from tridentify.record.checks.values import check_keys, checked, texts
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 

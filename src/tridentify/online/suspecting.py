@@ -17,7 +17,8 @@ import numpy as np
 
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.threads import one_blas_thread
-from tridentify.online.estimator import Estimator, NotReadyError, kept_samples
+from tridentify.online.asked import NotReadyError
+from tridentify.online.estimator import Estimator, kept_samples
 from tridentify.online.kernels import slots
 from tridentify.online.scatter import wonted
 from tridentify.online.search import FoundPoles, first_try

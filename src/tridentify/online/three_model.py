@@ -57,15 +57,8 @@ from tridentify.errors import OptionError, TridentifyError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.threads import one_blas_thread
-from tridentify.online.estimator import (
-    CompiledKernels,
-    check_asked,
-    check_choice,
-    check_forgetting,
-    is_number,
-    kept_samples,
-    not_ready,
-)
+from tridentify.online.asked import check_choice, check_forgetting, is_number, not_ready
+from tridentify.online.estimator import CompiledKernels, check_asked, kept_samples
 from tridentify.online.findings import with_findings
 from tridentify.online.follow import Turn, following, turned
 from tridentify.online.kernels import slots

@@ -22,9 +22,9 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.checks.names import LONGEST_NAME, check_units, is_plain
 from tridentify.errors import CoefficientMapError, PhysicalParameterError, shown
 from tridentify.numerics.arrays import Array
+from tridentify.record.checks.names import LONGEST_NAME, check_units, is_plain
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 

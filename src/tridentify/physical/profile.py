@@ -19,12 +19,12 @@ import numpy as np
 
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.models.simulate import free_responses, simulate
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import Whitener
 from tridentify.numerics.least_squares import solve
 from tridentify.physical.model import model_of
 from tridentify.record.record import Record
-from tridentify.simulate import free_responses, simulate
 from tridentify.transfer_function import TransferFunction
 
 

@@ -12,19 +12,10 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.advice import FrequencyResponse
 from tridentify.judgement.comparison.entries import Models
 from tridentify.numerics.arrays import Array
+from tridentify.plots import style
 from tridentify.plots.lines import Line, band_label, frequencies, lines_of, named_first
 from tridentify.plots.measured import draw_measured, whole_turns
 from tridentify.plots.over_time import wrapped
-from tridentify.plots.style import (
-    Panels,
-    Shown,
-    channel,
-    dress,
-    legend,
-    legend_columns,
-    literal,
-    make_axes,
-)
 from tridentify.uncertainty import ResponseBand, response_band, sample, sampled_response_band
 from tridentify.uncertainty.checks import checked_level
 from tridentify.writing.layout import IN_PICTURES, short, unit_ratio
@@ -44,7 +35,7 @@ def plot_bode(
     level: float = 0.95,
     measured: FrequencyResponse | None = None,
     axes: Sequence[Axes] | None = None,
-) -> Panels:
+) -> style.Panels:
     """Draw magnitude and phase of every channel with a pointwise confidence band.
 
     Parameters
@@ -94,7 +85,7 @@ def plot_bode(
     bands = [_band(line, grid, level) for line in lines]
     named = named_first(lines)
     n_outputs, n_inputs = len(named.output_names), len(named.input_names)
-    drawn = make_axes(axes, [1.7, 1.4] * (n_outputs * n_inputs), sharex=True)
+    drawn = style.make_axes(axes, [1.7, 1.4] * (n_outputs * n_inputs), sharex=True)
     for k in range(n_outputs * n_inputs):
         i, j = divmod(k, n_inputs)
         magnitude, phase = drawn[2 * k : 2 * k + 2]
@@ -106,8 +97,8 @@ def plot_bode(
             _draw_behind(magnitude, phase, measured, (i, j), grid, degrees[0][0])
         _name_magnitude(magnitude, named, (i, j))
         _degree_ticks(phase)
-        dress(phase, ylabel="phase [deg]")
-    legend(drawn[0], columns=legend_columns(drawn[0]))
+        style.dress(phase, ylabel="phase [deg]")
+    style.legend(drawn[0], columns=style.legend_columns(drawn[0]))
     drawn[-1].set_xlabel("angular frequency [rad/s]", fontsize=9)
     return drawn
 
@@ -191,10 +182,10 @@ def _name_magnitude(magnitude: Axes, named: Line, channel_: tuple[int, int]) -> 
     if output in named.units and input_ in named.units:
         unit = unit_ratio(named.units[output], named.units[input_])
     reference = f" re {short(unit, IN_PICTURES)}" if unit not in ("", "-") else ""
-    dress(
+    style.dress(
         magnitude,
-        title=literal(wrapped(channel(named, *channel_))),
-        ylabel=literal(f"magnitude\n[dB{reference}]"),
+        title=style.literal(wrapped(style.channel(named, *channel_))),
+        ylabel=style.literal(f"magnitude\n[dB{reference}]"),
     )
 
 
@@ -232,7 +223,7 @@ def _draw_behind(
         ax.set_ylim(bottom - margin * (bottom < low), top + margin * (top > high))
 
 
-def default_frequencies(*models: Shown, n_points: int = 240) -> Array:
+def default_frequencies(*models: style.Shown, n_points: int = 240) -> Array:
     """Logarithmic grid around poles and zeros of all models, finer at resonances.
 
     It begins no lower than a little below what the longest record shows: where a pole of a plant
@@ -271,7 +262,7 @@ def default_frequencies(*models: Shown, n_points: int = 240) -> Array:
     return inside
 
 
-def _seen_from(model: Shown) -> float:
+def _seen_from(model: style.Shown) -> float:
     """Lowest frequency of a picture of an identified model [rad/s]; zero where nothing tells."""
     estimate = model if isinstance(model, Estimate) else getattr(model, "estimate", None)
     if estimate is None or not estimate.dt:
@@ -301,7 +292,7 @@ def _draw(
             )  # fmt: skip
         ax.plot(
             omega, line, color=own.colour, linestyle=own.dash, linewidth=1.5,
-            label=literal(own.label),
+            label=style.literal(own.label),
         )  # fmt: skip
         if np.any(np.isfinite(line)):
             ends.append(_scale(line, low, high, least_reach))

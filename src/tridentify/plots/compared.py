@@ -8,27 +8,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tridentify.judgement.comparison import Comparison
+from tridentify.plots import style
 from tridentify.plots.fit import draw_recorded, draw_response, is_ink
-from tridentify.plots.style import (
-    DASHES,
-    Panels,
-    checked,
-    columns_for,
-    cycle_colour,
-    dress,
-    labelled,
-    legend,
-    legend_columns,
-    literal,
-    make_axes,
-)
 from tridentify.writing.layout import IN_PICTURES, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def plot_compared(comparison: Comparison, *, axes: Sequence[Axes] | Axes | None = None) -> Panels:
+def plot_compared(
+    comparison: Comparison, *, axes: Sequence[Axes] | Axes | None = None
+) -> style.Panels:
     """Draw every model over every record, with what was fitted to the record.
 
     Parameters
@@ -60,14 +50,14 @@ def plot_compared(comparison: Comparison, *, axes: Sequence[Axes] | Axes | None 
     >>> [line.get_label() for line in ax.lines]
     ['recorded', 'model: 100.0 %']
     """
-    checked(comparison, Comparison, "compare([one, other], record).plot()")
+    style.checked(comparison, Comparison, "compare([one, other], record).plot()")
     panels = [
         (i, r, y)
         for i, output in enumerate(comparison.output_names)
         for r in range(len(comparison.records))
         if (y := comparison.measured(r, output)) is not None
     ]
-    drawn = make_axes(axes, [2.1 + 0.22 * _legend_rows(comparison)] * len(panels))
+    drawn = style.make_axes(axes, [2.1 + 0.22 * _legend_rows(comparison)] * len(panels))
     for ax, (i, r, y) in zip(drawn, panels, strict=True):
         record, output = comparison.records[r], comparison.output_names[i]
         courses = [row[r][:, i] for row in comparison.responses]
@@ -76,12 +66,12 @@ def plot_compared(comparison: Comparison, *, axes: Sequence[Axes] | Axes | None 
         for k, (name, response) in enumerate(zip(comparison.names, courses, strict=True)):
             fit = float(comparison.fits[k, r, i])
             label = f"{short(name, IN_PICTURES)}: " + (f"{fit:.1f} %" if np.isfinite(fit) else "-")
-            how = (cycle_colour(k), DASHES[k % len(DASHES)], label)
+            how = (style.cycle_colour(k), style.DASHES[k % len(style.DASHES)], label)
             draw_response(ax, record.t, response, how, inked)
         several = len(comparison.records) > 1 or record.name
-        title = literal(short(comparison.record_names[r], IN_PICTURES)) if several else ""
-        dress(ax, title=title, ylabel=labelled(output, comparison.units))
-        legend(ax, columns=legend_columns(ax))
+        title = style.literal(short(comparison.record_names[r], IN_PICTURES)) if several else ""
+        style.dress(ax, title=title, ylabel=style.labelled(output, comparison.units))
+        style.legend(ax, columns=style.legend_columns(ax))
     drawn[-1].set_xlabel("time [s]", fontsize=9)
     return drawn
 
@@ -89,4 +79,4 @@ def plot_compared(comparison: Comparison, *, axes: Sequence[Axes] | Axes | None 
 def _legend_rows(comparison: Comparison) -> int:
     """Lines that the legend takes beyond the first, roughly."""
     labels = [f"{short(name, IN_PICTURES)}: 100.0 %" for name in comparison.names]
-    return -(-(1 + len(labels)) // columns_for(labels)) - 1
+    return -(-(1 + len(labels)) // style.columns_for(labels)) - 1

@@ -8,17 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
-from tridentify.plots.style import (
-    BLUE,
-    CYCLE,
-    GREEN,
-    ORANGE,
-    Panels,
-    checked,
-    dress,
-    literal,
-    make_axes,
-)
+from tridentify.plots import style
 from tridentify.writing.layout import short
 
 if TYPE_CHECKING:
@@ -31,7 +21,7 @@ LONGEST_NAME = 18
 """Name of a coefficient in it, in characters."""
 
 
-def plot_convergence(estimate: Estimate, *, axes: Sequence[Axes] | None = None) -> Panels:
+def plot_convergence(estimate: Estimate, *, axes: Sequence[Axes] | None = None) -> style.Panels:
     """Draw how coefficients, cost and stop measures went from pass to pass.
 
     Parameters
@@ -48,9 +38,9 @@ def plot_convergence(estimate: Estimate, *, axes: Sequence[Axes] | None = None) 
     """
     from matplotlib.ticker import NullFormatter
 
-    checked(estimate, Estimate, "plot_convergence(estimate)")
+    style.checked(estimate, Estimate, "plot_convergence(estimate)")
     rows = -(-len(estimate.names) // COLUMNS)
-    drawn = make_axes(axes, [2.0 + 0.18 * rows, 1.3, 1.6], sharex=True)
+    drawn = style.make_axes(axes, [2.0 + 0.18 * rows, 1.3, 1.6], sharex=True)
     passes = estimate.trace.passes
     numbers = np.array([item.number for item in passes])
     thetas = [item.theta for item in passes]
@@ -61,7 +51,7 @@ def plot_convergence(estimate: Estimate, *, axes: Sequence[Axes] | None = None) 
     ).reshape(-1, n_parameters)
     _draw_distances(drawn[0], estimate, numbers, path)
     cost = np.array([item.cost for item in passes], dtype=np.float64)
-    drawn[1].plot(numbers, cost, color=BLUE, marker="o", markersize=4, linewidth=1.2)
+    drawn[1].plot(numbers, cost, color=style.BLUE, marker="o", markersize=4, linewidth=1.2)
     positive = cost[np.isfinite(cost) & (cost > 0)]
     if positive.size == cost.size > 0 and positive.max() > 20 * positive.min():
         drawn[1].set_yscale("log")
@@ -69,12 +59,12 @@ def plot_convergence(estimate: Estimate, *, axes: Sequence[Axes] | None = None) 
     else:
         drawn[1].ticklabel_format(axis="y", style="sci", scilimits=(-3, 4), useOffset=False)
         drawn[1].yaxis.get_offset_text().set_fontsize(8)
-    dress(drawn[1], ylabel="output-error\ncost [-]")
+    style.dress(drawn[1], ylabel="output-error\ncost [-]")
     beta = np.array([item.beta_distance for item in passes], dtype=np.float64)
     gradient = np.array([item.gradient for item in passes], dtype=np.float64)
-    _log_line(drawn[2], numbers, beta, ORANGE, "s", "distance of beta from (1, 0, ..., 0)")
-    _log_line(drawn[2], numbers, gradient, GREEN, "D", "relative gradient of the cost")
-    dress(drawn[2], xlabel="pass", ylabel="stop measures [-]")
+    _log_line(drawn[2], numbers, beta, style.ORANGE, "s", "distance of beta from (1, 0, ..., 0)")
+    _log_line(drawn[2], numbers, gradient, style.GREEN, "D", "relative gradient of the cost")
+    style.dress(drawn[2], xlabel="pass", ylabel="stop measures [-]")
     _finish(drawn, numbers)
     return drawn
 
@@ -90,13 +80,16 @@ def _draw_distances(
         known = np.isfinite(std) and std > 0
         scale = std if known else (abs(estimate.theta[k]) or 1.0)
         distance = np.abs(path[:, k] - estimate.theta[k]) / scale
-        colour, marker = CYCLE[k % len(CYCLE)], MARKERS[(k + k // len(CYCLE)) % len(MARKERS)]
+        colour, marker = (
+            style.CYCLE[k % len(style.CYCLE)],
+            MARKERS[(k + k // len(style.CYCLE)) % len(MARKERS)],
+        )
         label = short(name, LONGEST_NAME if known else LONGEST_NAME - 11)
-        label = literal(label if known else f"{label} (relative)")
+        label = style.literal(label if known else f"{label} (relative)")
         _log_line(ax, numbers, distance, colour, marker, label)
     if ax.get_yscale() == "log":
         ax.axhline(1.0, color="black", linewidth=0.8, linestyle="--")
-    dress(ax, ylabel="distance from final\n[standard errors]")
+    style.dress(ax, ylabel="distance from final\n[standard errors]")
 
 
 def _log_line(

@@ -10,16 +10,7 @@ import numpy as np
 from tridentify.errors import OptionError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.numerics.arrays import Array
-from tridentify.plots.style import (
-    BLACK,
-    ORANGE,
-    Panels,
-    checked,
-    dress,
-    labelled,
-    make_axes,
-    new_figure,
-)
+from tridentify.plots import style
 from tridentify.record.record import Record
 from tridentify.uncertainty.checks import checked_count
 from tridentify.uncertainty.cost_surface import Bowl, CostSurface, cost_surface, step_2_bowl
@@ -51,7 +42,7 @@ def plot_cost_surface(
     ranges: tuple[Range, Range] | None = None,
     n_points: int = 33,
     axes: Sequence[Axes] | None = None,
-) -> Panels:
+) -> style.Panels:
     """Draw the output-error cost over two coefficients beside the quadratic that Step 2 solves.
 
     Parameters
@@ -92,7 +83,7 @@ def plot_cost_surface(
     ratio. On the right is the mean square of the equation error of Step 2, exactly quadratic, whose
     minimum (star) is where a pass of `ThreeModel` goes next. Grey: unstable models.
     """
-    checked(estimate, Estimate, "plot_cost_surface(estimate, record)")
+    style.checked(estimate, Estimate, "plot_cost_surface(estimate, record)")
     names = _default(estimate) if coefficients is None else coefficients
     count = checked_count("n_points", n_points, 5)
     theta = _filter_of(estimate, pass_number)
@@ -116,23 +107,28 @@ def plot_cost_surface(
     for ax, title in zip(drawn, titles, strict=True):
         ax.plot(path[:, 0], path[:, 1], color="white", linewidth=2.6, zorder=3)
         ax.plot(
-            path[:, 0], path[:, 1], color=ORANGE, linewidth=1.3, marker="o", markersize=3.5,
+            path[:, 0], path[:, 1], color=style.ORANGE, linewidth=1.3, marker="o", markersize=3.5,
             label="passes", zorder=4,
         )  # fmt: skip
         best = estimate.theta[where]
-        _mark(ax, best, "x", BLACK, "estimate")
+        _mark(ax, best, "x", style.BLACK, "estimate")
         if marked is not None:
-            _mark(ax, marked, "+", BLACK, "truth")
+            _mark(ax, marked, "+", style.BLACK, "truth")
         ax.set_xlim(*spans[0])
         ax.set_ylim(*spans[1])
-        dress(ax, title=title, xlabel=labelled(names[0], units), ylabel=labelled(names[1], units))
+        style.dress(
+            ax,
+            title=title,
+            xlabel=style.labelled(names[0], units),
+            ylabel=style.labelled(names[1], units),
+        )
         ax.grid(False)
         ax.ticklabel_format(axis="both", style="sci", scilimits=(-3, 4), useOffset=False)
         for axis in (ax.xaxis, ax.yaxis):
             axis.get_offset_text().set_fontsize(8)
     start = np.asarray(theta)[where]
-    _mark(drawn[1], start, "s", BLACK, "a of the filter")
-    _mark(drawn[1], bowl.centre, "*", BLACK, "minimum of Step 2")
+    _mark(drawn[1], start, "s", style.BLACK, "a of the filter")
+    _mark(drawn[1], bowl.centre, "*", style.BLACK, "minimum of Step 2")
     for ax in drawn:
         _legend(ax)
     return drawn
@@ -210,10 +206,10 @@ def _spans(
     return found
 
 
-def _axes(axes: Sequence[Axes] | None) -> Panels:
+def _axes(axes: Sequence[Axes] | None) -> style.Panels:
     if axes is not None:
-        return make_axes(axes, [HIGH, HIGH])
-    return Panels(new_figure(WIDE, HIGH).subplots(1, 2))
+        return style.make_axes(axes, [HIGH, HIGH])
+    return style.Panels(style.new_figure(WIDE, HIGH).subplots(1, 2))
 
 
 def _filled(ax: Axes, x: Array, y: Array, cost: Array) -> None:
@@ -255,8 +251,10 @@ def _draw_surface(ax: Axes, surface: CostSurface, estimate: Estimate) -> None:
     least = float(np.min(known, initial=estimate.cost))
     edge = least * float(np.exp(REGION / max(estimate.degrees_of_freedom, 1)))
     if known.size and known.min() < edge < known.max():
-        ax.contour(x, y, cost.T, levels=[edge], colors=BLACK, linewidths=1.2, linestyles="dashed")
-        ax.plot([], [], color=BLACK, linewidth=1.2, linestyle="--", label="95 % region")
+        ax.contour(
+            x, y, cost.T, levels=[edge], colors=style.BLACK, linewidths=1.2, linestyles="dashed"
+        )
+        ax.plot([], [], color=style.BLACK, linewidth=1.2, linestyle="--", label="95 % region")
 
 
 def _mark(ax: Axes, at: Array, marker: str, colour: str, label: str) -> None:

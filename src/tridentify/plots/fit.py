@@ -12,24 +12,9 @@ from tridentify.errors import OptionError, SampleTypeError, shown
 from tridentify.estimation.answer.assemble import fingerprint
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.numerics.arrays import Array
+from tridentify.plots import style
 from tridentify.plots.lines import Line, lines_of
 from tridentify.plots.record import draw_inputs
-from tridentify.plots.style import (
-    BLUE,
-    GREY,
-    ORANGE,
-    Panels,
-    checked,
-    course,
-    dress,
-    in_brackets,
-    labelled,
-    legend,
-    legend_columns,
-    literal,
-    make_axes,
-    outliers_of,
-)
 from tridentify.record.record import Record
 
 if TYPE_CHECKING:
@@ -53,7 +38,7 @@ def plot_fit(
     names: Sequence[str] | None = None,
     experiment: int = 0,
     axes: Sequence[Axes] | None = None,
-) -> Panels:
+) -> style.Panels:
     """Draw recorded outputs, the models' responses to the recorded inputs, and the inputs.
 
     Parameters
@@ -82,7 +67,7 @@ def plot_fit(
     OptionError
         An estimate has no such experiment, or there are not as many axes as channels.
     """
-    record = checked(record, Record, EXAMPLE)
+    record = style.checked(record, Record, EXAMPLE)
     lines = lines_of(estimates, names, EXAMPLE)
     found = [_estimate(line) for line in lines]
     for one in found:
@@ -93,10 +78,10 @@ def plot_fit(
             )
     responses = [one.predict(record, experiment=experiment) for one in found]
     heights = [1.9] * record.n_outputs + [1.1] * record.n_inputs
-    drawn = make_axes(axes, heights, sharex=True)
+    drawn = style.make_axes(axes, heights, sharex=True)
     for i, name in enumerate(record.output_names):
         if len(found) == 1:
-            far = outliers_of(found[0], record, experiment, i)
+            far = style.outliers_of(found[0], record, experiment, i)
             draw_output(drawn[i], record, responses[0][:, i], i, far)
             continue
         courses = [response[:, i] for response in responses]
@@ -104,10 +89,10 @@ def plot_fit(
         draw_recorded(drawn[i], record.t, record.y[:, i], inked)
         for line, response in zip(lines, courses, strict=True):
             draw_response(drawn[i], record.t, response, (line.colour, line.dash, line.label), inked)
-        dress(drawn[i], ylabel=labelled(name, record.units))
-    title = [literal(record.name), _held(found, record, experiment)]
+        style.dress(drawn[i], ylabel=style.labelled(name, record.units))
+    title = [style.literal(record.name), _held(found, record, experiment)]
     drawn[0].set_title("\n".join(text for text in title if text), loc="left", fontsize=10)
-    legend(drawn[0], columns=legend_columns(drawn[0]))
+    style.legend(drawn[0], columns=style.legend_columns(drawn[0]))
     draw_inputs(record, drawn[record.n_outputs :])
     return drawn
 
@@ -151,19 +136,19 @@ def draw_output(
     """
     inked = is_ink(record.t, [response])
     draw_recorded(ax, record.t, record.y[:, output], inked)
-    draw_response(ax, record.t, response, (ORANGE, "-", "model"), inked)
+    draw_response(ax, record.t, response, (style.ORANGE, "-", "model"), inked)
     if far.size:
         ax.plot(
             record.t[far],
             record.y[far, output],
-            color=BLUE,
+            color=style.BLUE,
             linestyle="none",
             marker="o",
             markersize=4.5,
             markerfacecolor="none",
             label="outlier",
         )
-    dress(ax, ylabel=labelled(record.output_names[output], record.units))
+    style.dress(ax, ylabel=style.labelled(record.output_names[output], record.units))
 
 
 def is_ink(t: Array, responses: Sequence[Array]) -> bool:
@@ -188,8 +173,8 @@ def _turns(values: Array) -> int:
 def draw_recorded(ax: Axes, t: Array, y: Array, inked: bool) -> None:
     """Samples of an output as dots, or as a pale broad line where they are ink."""
     ax.plot(
-        *course(t, y),
-        color=PALE if inked else GREY,
+        *style.course(t, y),
+        color=PALE if inked else style.GREY,
         linewidth=WIDE if inked else 0.7,
         marker="" if inked else ".",
         markersize=3.5,
@@ -201,8 +186,8 @@ def draw_response(ax: Axes, t: Array, y: Array, how: tuple[str, str, str], inked
     """A model's output: colour, kind of line and label; thin upon a record that is ink."""
     colour, dash, label = how
     ax.plot(
-        *course(t, y), color=colour, linestyle=dash, linewidth=0.7 if inked else 1.5,
-        label=literal(label),
+        *style.course(t, y), color=colour, linestyle=dash, linewidth=0.7 if inked else 1.5,
+        label=style.literal(label),
     )  # fmt: skip
 
 
@@ -219,6 +204,6 @@ def draw_residual(ax: Axes, record: Record, residual: Array, output: int) -> Non
         Its position.
     """
     ax.axhline(0.0, color="black", linewidth=0.6)
-    ax.plot(*course(record.t, residual), color=BLUE, linewidth=0.7)
-    unit = in_brackets(record.units.get(record.output_names[output], ""))
-    dress(ax, ylabel=literal(f"residual{unit}"))
+    ax.plot(*style.course(record.t, residual), color=style.BLUE, linewidth=0.7)
+    unit = style.in_brackets(record.units.get(record.output_names[output], ""))
+    style.dress(ax, ylabel=style.literal(f"residual{unit}"))

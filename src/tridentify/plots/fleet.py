@@ -10,17 +10,7 @@ import numpy as np
 from tridentify.errors import IdentifiabilityError
 from tridentify.fleet.run import Run, coefficients
 from tridentify.numerics.arrays import Array
-from tridentify.plots.style import (
-    BLUE,
-    GREEN,
-    ORANGE,
-    Panels,
-    checked,
-    dress,
-    legend,
-    literal,
-    make_axes,
-)
+from tridentify.plots import style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,7 +25,7 @@ TAIL = 0.005
 so that one absurd estimate does not press all others into one."""
 
 
-def plot_fleet(run: Run, *, axes: Sequence[Axes] | None = None) -> Panels:
+def plot_fleet(run: Run, *, axes: Sequence[Axes] | None = None) -> style.Panels:
     """Draw how the coefficients of a fleet are distributed.
 
     Parameters
@@ -60,7 +50,7 @@ def plot_fleet(run: Run, *, axes: Sequence[Axes] | None = None) -> Panels:
     Bars count the units' own estimates; where the fleet was pooled, a line shows the population
     that they come from, and ticks at the foot mark the units that deviate.
     """
-    checked(run, Run, "plot_fleet(fleet.fit(...))")
+    style.checked(run, Run, "plot_fleet(fleet.fit(...))")
     rows = run.rows(["key", "ok", "names", "coefficients"])
     good = rows.filter(rows["ok"])
     names, values = coefficients(good)
@@ -69,7 +59,7 @@ def plot_fleet(run: Run, *, axes: Sequence[Axes] | None = None) -> Panels:
             f"found {rows.height} units without estimates of the same coefficients; expected some "
             "to draw; look at run.failed()"
         )
-    drawn = make_axes(axes, [HEIGHT] * len(names))
+    drawn = style.make_axes(axes, [HEIGHT] * len(names))
     keys = good["key"].to_list()
     for k, (ax, name) in enumerate(zip(drawn, names, strict=True)):
         _draw(ax, name, values[:, k], keys, run, k)
@@ -82,8 +72,8 @@ def _draw(ax: Axes, name: str, values: Array, keys: Sequence[str], run: Run, num
     edges = np.linspace(low - margin, high + margin, _bins(values.size) + 1)
     inside = np.clip(values, edges[0], edges[-1])
     counts, _ = np.histogram(inside, edges)
-    ax.stairs(counts, edges, fill=True, color=BLUE, alpha=0.55, label="own estimates")
-    ax.axvline(float(np.median(values)), color=BLUE, linewidth=1.2, label="median")
+    ax.stairs(counts, edges, fill=True, color=style.BLUE, alpha=0.55, label="own estimates")
+    ax.axvline(float(np.median(values)), color=style.BLUE, linewidth=1.2, label="median")
     pool = run.population
     if pool is not None:
         at = np.linspace(edges[0], edges[-1], 300)
@@ -92,7 +82,7 @@ def _draw(ax: Axes, name: str, values: Array, keys: Sequence[str], run: Run, num
             _density(at, pool.mean[number], pool.spread[number], bool(pool.logarithmic[number]))
             * values.size
             * (edges[1] - edges[0]),
-            color=GREEN,
+            color=style.GREEN,
             linewidth=1.4,
             label="population",
         )
@@ -103,16 +93,16 @@ def _draw(ax: Axes, name: str, values: Array, keys: Sequence[str], run: Run, num
                 where,
                 np.full(len(where), 0.03),
                 "|",
-                color=ORANGE,
+                color=style.ORANGE,
                 markersize=9,
                 markeredgewidth=1.6,
                 transform=ax.get_xaxis_transform(),
                 label="deviates",
             )
     ax.set_xlim(edges[0], edges[-1])
-    dress(ax, title=literal(name), ylabel="units")
+    style.dress(ax, title=style.literal(name), ylabel="units")
     if number == 0:
-        legend(ax, columns=4)
+        style.legend(ax, columns=4)
 
 
 def _bins(count: int) -> int:

@@ -9,18 +9,8 @@ import numpy as np
 
 from tridentify.judgement.advice import FrequencyResponse
 from tridentify.numerics.arrays import Array
+from tridentify.plots import style
 from tridentify.plots.over_time import wrapped
-from tridentify.plots.style import (
-    GREY,
-    ORANGE,
-    SKY,
-    Panels,
-    checked,
-    dress,
-    legend,
-    literal,
-    make_axes,
-)
 from tridentify.writing.layout import IN_PICTURES, short
 
 if TYPE_CHECKING:
@@ -36,7 +26,7 @@ LONGEST_BAR = 20.0, 90.0
 
 def plot_frequency_response(
     measured: FrequencyResponse, *, axes: Sequence[Axes] | None = None
-) -> Panels:
+) -> style.Panels:
     """Draw magnitude, phase and coherence of every channel as measured.
 
     Parameters
@@ -56,9 +46,11 @@ def plot_frequency_response(
     Points of good coherence have 95 % error bars; the others are faded. The shaded band is the
     one that the input excites.
     """
-    checked(measured, FrequencyResponse, "plot_frequency_response(frequency_response(record))")
+    style.checked(
+        measured, FrequencyResponse, "plot_frequency_response(frequency_response(record))"
+    )
     n_outputs, n_inputs = len(measured.output_names), len(measured.input_names)
-    drawn = make_axes(axes, [1.7, 1.4, 1.0] * (n_outputs * n_inputs), sharex=True)
+    drawn = style.make_axes(axes, [1.7, 1.4, 1.0] * (n_outputs * n_inputs), sharex=True)
     for k in range(n_outputs * n_inputs):
         i, j = divmod(k, n_inputs)
         magnitude, phase, coherence = drawn[3 * k : 3 * k + 3]
@@ -70,7 +62,9 @@ def plot_frequency_response(
         draw_measured(magnitude, phase, measured, i, j, unwrapped)
         for ax in (magnitude, phase):
             _fit_to(ax, measured, i, j)
-        coherence.plot(measured.omega, measured.coherence[:, i, j], color=ORANGE, linewidth=1.2)
+        coherence.plot(
+            measured.omega, measured.coherence[:, i, j], color=style.ORANGE, linewidth=1.2
+        )
         shade_excited([coherence], measured, j)
         coherence.set_ylim(0.0, 1.05)
         coherence.set_xscale("log")
@@ -78,11 +72,11 @@ def plot_frequency_response(
         name = f"{short(measured.output_names[i], IN_PICTURES)} / " + short(
             measured.input_names[j], IN_PICTURES
         )
-        dress(magnitude, title=literal(wrapped(name)), ylabel="magnitude\n[dB]")
-        dress(phase, ylabel="phase [deg]")
-        dress(coherence, ylabel="coherence")
+        style.dress(magnitude, title=style.literal(wrapped(name)), ylabel="magnitude\n[dB]")
+        style.dress(phase, ylabel="phase [deg]")
+        style.dress(coherence, ylabel="coherence")
         if k == 0:
-            legend(magnitude)
+            style.legend(magnitude)
     drawn[-1].set_xlabel("angular frequency [rad/s]", fontsize=9)
     return drawn
 
@@ -119,11 +113,11 @@ def draw_measured(
     )  # fmt: skip
     for ax, values, bar in ((magnitude, decibels, bars[0]), (phase, degrees, bars[1])):
         ax.plot(
-            measured.omega[~good], values[~good], ".", color=GREY, alpha=0.35, markersize=3,
+            measured.omega[~good], values[~good], ".", color=style.GREY, alpha=0.35, markersize=3,
             zorder=1.5,
         )  # fmt: skip
         ax.errorbar(
-            measured.omega[good], values[good], yerr=bar[:, good], fmt=".", color=ORANGE,
+            measured.omega[good], values[good], yerr=bar[:, good], fmt=".", color=style.ORANGE,
             markersize=4, elinewidth=0.8, zorder=1.8,
             label="measured" if np.any(good) else None,
         )  # fmt: skip
@@ -170,7 +164,7 @@ def shade_excited(axes: Sequence[Axes], measured: FrequencyResponse, input_: int
     for ax in axes:
         for k, (first, last) in enumerate(at.reshape(-1, 2)):
             ax.axvspan(
-                float(edges[first]), float(edges[last]), color=SKY, alpha=0.13, linewidth=0,
+                float(edges[first]), float(edges[last]), color=style.SKY, alpha=0.13, linewidth=0,
                 label="excited" if k == 0 else None,
             )  # fmt: skip
 

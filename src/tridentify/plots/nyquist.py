@@ -12,21 +12,10 @@ import numpy.typing as npt
 from tridentify.judgement.comparison.entries import Models
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.delta_method import confidence_ellipse
+from tridentify.plots import style
 from tridentify.plots.bode import default_frequencies
 from tridentify.plots.lines import Line, frequencies, lines_of, named_first
 from tridentify.plots.over_time import wrapped
-from tridentify.plots.style import (
-    BLACK,
-    ORANGE,
-    WIDTH,
-    Panels,
-    Shown,
-    channel,
-    dress,
-    in_brackets,
-    literal,
-    make_axes,
-)
 from tridentify.uncertainty import response_covariance
 from tridentify.uncertainty.checks import checked_level
 from tridentify.uncertainty.draws import frequency_values
@@ -57,7 +46,7 @@ def plot_nyquist(
     names: Sequence[str] | None = None,
     level: float = 0.95,
     axes: Sequence[Axes] | Axes | None = None,
-) -> Panels:
+) -> style.Panels:
     """Draw the frequency response of every channel in the complex plane.
 
     Parameters
@@ -100,7 +89,7 @@ def plot_nyquist(
     grid = _frequencies(lines) if omega is None else frequencies(omega, EXAMPLE)
     named = named_first(lines)
     n_outputs, n_inputs = len(named.output_names), len(named.input_names)
-    drawn = make_axes(axes, [WIDTH / ASPECT] * (n_outputs * n_inputs))
+    drawn = style.make_axes(axes, [style.WIDTH / ASPECT] * (n_outputs * n_inputs))
     responses = [line.model.frequency_response(grid) for line in lines]
     # powers of ten in the numbers of fast and slow systems would cover each other
     exponent = 3 * math.floor(math.log10(float(np.median(grid)) or 1.0) / 3)
@@ -229,7 +218,7 @@ def _draw_cloud(ax: Axes, curves: Complex, line: Line) -> None:
 def _draw_curve(ax: Axes, omega: Array, curve: Complex, half: float, line: Line) -> None:
     shown, colour = np.where(np.isfinite(curve), curve, np.nan), line.colour
     ax.plot(shown.real, -shown.imag, color=colour, linewidth=0.9, linestyle="--", zorder=2)
-    label = literal(line.label)
+    label = style.literal(line.label)
     ax.plot(shown.real, shown.imag, color=colour, linewidth=1.6, label=label, zorder=3)
     marked = _spaced(ax, curve, MARKED, 0.0)
     ax.plot(
@@ -320,28 +309,32 @@ def _draw_critical(ax: Axes, half: float) -> None:
             marker="+",
             markersize=10,
             markeredgewidth=2.0,
-            color=ORANGE,
+            color=style.ORANGE,
             linestyle="none",
             label="-1",
             zorder=5,
         )
     else:
         where = "outside the frame" if half < 60.0 else "close to the origin at this scale"
-        ax.text(0.01, 0.02, f"-1 lies {where}", transform=ax.transAxes, fontsize=8, color=BLACK)
+        ax.text(
+            0.01, 0.02, f"-1 lies {where}", transform=ax.transAxes, fontsize=8, color=style.BLACK
+        )
 
 
-def _name(ax: Axes, estimate: Shown, output: int, input_: int, exponent: int) -> None:
+def _name(ax: Axes, estimate: style.Shown, output: int, input_: int, exponent: int) -> None:
     names = estimate.output_names[output], estimate.input_names[input_]
     unit = ""
     if all(name in estimate.units for name in names):
         unit = unit_ratio(estimate.units[names[0]], estimate.units[names[1]])
-    unit = in_brackets(unit)
+    unit = style.in_brackets(unit)
     scale = f"1e{exponent} " if exponent else ""
-    dress(
+    style.dress(
         ax,
-        title=literal(wrapped(f"{channel(estimate, output, input_)}   (numbers: {scale}rad/s)")),
-        xlabel=literal(f"real part{unit}"),
-        ylabel=literal(f"imaginary part{unit}"),
+        title=style.literal(
+            wrapped(f"{style.channel(estimate, output, input_)}   (numbers: {scale}rad/s)")
+        ),
+        xlabel=style.literal(f"real part{unit}"),
+        ylabel=style.literal(f"imaginary part{unit}"),
     )
     ax.ticklabel_format(axis="both", style="sci", scilimits=(-3, 4), useOffset=False)
     for axis in (ax.xaxis, ax.yaxis):

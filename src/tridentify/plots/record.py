@@ -5,20 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from tridentify.plots.style import (
-    BLUE,
-    GREEN,
-    ORANGE,
-    Panels,
-    checked,
-    course,
-    dress,
-    labelled,
-    legend,
-    literal,
-    make_axes,
-    shorten,
-)
+from tridentify.plots import style
 from tridentify.record.record import Record
 from tridentify.writing.layout import IN_PICTURES, short
 
@@ -26,7 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def plot_record(record: Record, *, axes: Sequence[Axes] | None = None) -> Panels:
+def plot_record(record: Record, *, axes: Sequence[Axes] | None = None) -> style.Panels:
     """Draw every channel, outputs first.
 
     Parameters
@@ -48,15 +35,17 @@ def plot_record(record: Record, *, axes: Sequence[Axes] | None = None) -> Panels
     >>> [ax.get_ylabel() for ax in axes]
     ['y', 'u']
     """
-    checked(record, Record, "plot_record(record)")
+    style.checked(record, Record, "plot_record(record)")
     behind = [_followed_by(record, name) for name in record.reference_names]
     own = behind.count(None)
     heights = [1.5] * record.n_outputs + [1.1] * (record.n_inputs + own)
-    drawn = make_axes(axes, heights, sharex=True)
+    drawn = style.make_axes(axes, heights, sharex=True)
     for i, name in enumerate(record.output_names):
-        line = literal(short(name, IN_PICTURES))
-        drawn[i].plot(*course(record.t, record.y[:, i]), color=BLUE, linewidth=1.0, label=line)
-        dress(drawn[i], ylabel=labelled(name, record.units))
+        line = style.literal(short(name, IN_PICTURES))
+        drawn[i].plot(
+            *style.course(record.t, record.y[:, i]), color=style.BLUE, linewidth=1.0, label=line
+        )
+        style.dress(drawn[i], ylabel=style.labelled(name, record.units))
     last = record.n_outputs + record.n_inputs
     draw_inputs(record, drawn[record.n_outputs : last])
     alone = iter(drawn[last:])
@@ -65,7 +54,7 @@ def plot_record(record: Record, *, axes: Sequence[Axes] | None = None) -> Panels
     if own:
         drawn[last - 1].set_xlabel("")
         drawn[-1].set_xlabel("time [s]", fontsize=9)
-    drawn[0].set_title(literal(record.name), loc="left", fontsize=10)
+    drawn[0].set_title(style.literal(record.name), loc="left", fontsize=10)
     return drawn
 
 
@@ -80,18 +69,18 @@ def _draw_reference(record: Record, k: int, ax: Axes, behind: int | None) -> Non
     assert record.reference is not None
     name = record.reference_names[k]
     ax.plot(
-        *shorten(record.t, record.reference[:, k]),
-        color=ORANGE,
+        *style.shorten(record.t, record.reference[:, k]),
+        color=style.ORANGE,
         linewidth=1.2,
         linestyle="--" if behind is not None else "-",
         drawstyle="steps-post" if record.reference_behaviour == "zoh" else "default",
-        label=literal(short(name, IN_PICTURES)),
+        label=style.literal(short(name, IN_PICTURES)),
         zorder=1.5,
     )
     if behind is None:
-        dress(ax, ylabel=labelled(name, record.units))
+        style.dress(ax, ylabel=style.labelled(name, record.units))
     else:
-        legend(ax)
+        style.legend(ax)
 
 
 def draw_inputs(record: Record, axes: Sequence[Axes]) -> None:
@@ -99,10 +88,10 @@ def draw_inputs(record: Record, axes: Sequence[Axes]) -> None:
     held = record.behaviour == "zoh"
     for j, name in enumerate(record.input_names):
         axes[j].plot(
-            *shorten(record.t, record.u[:, j]),
-            color=GREEN,
+            *style.shorten(record.t, record.u[:, j]),
+            color=style.GREEN,
             linewidth=1.2,
             drawstyle="steps-post" if held else "default",
         )
-        dress(axes[j], ylabel=labelled(name, record.units))
+        style.dress(axes[j], ylabel=style.labelled(name, record.units))
     axes[-1].set_xlabel("time [s]", fontsize=9)

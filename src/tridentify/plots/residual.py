@@ -12,19 +12,7 @@ import numpy as np
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.correlation import autocorrelation
-from tridentify.plots.style import (
-    BLUE,
-    ORANGE,
-    Panels,
-    checked,
-    course,
-    dress,
-    labelled,
-    legend,
-    literal,
-    make_axes,
-    outliers_of,
-)
+from tridentify.plots import style
 from tridentify.record.record import Record
 from tridentify.writing.layout import short
 
@@ -43,7 +31,7 @@ def plot_residual(
     experiment: int = 0,
     n_lags: int = 40,
     axes: Sequence[Axes] | None = None,
-) -> Panels:
+) -> style.Panels:
     """Draw the residual of each output over time, and its autocorrelation with 99 % bounds.
 
     Parameters
@@ -71,34 +59,37 @@ def plot_residual(
     of the response. Outliers of a robust fit stand at the edge, with the rest at full scale, and
     do not count in the autocorrelation.
     """
-    checked(estimate, Estimate, EXAMPLE)
-    checked(record, Record, EXAMPLE)
-    drawn = make_axes(axes, [1.5, 1.5] * record.n_outputs)
+    style.checked(estimate, Estimate, EXAMPLE)
+    style.checked(record, Record, EXAMPLE)
+    drawn = style.make_axes(axes, [1.5, 1.5] * record.n_outputs)
     residual = estimate.residual(record, experiment=experiment)
     lags = np.arange(min(n_lags, max(record.n_samples - 1, 1)) + 1)
     times, unit = (lags * record.dt, "s") if record.dt is not None else (lags, "samples")
     for i, name in enumerate(record.output_names):
         series, correlogram = drawn[2 * i : 2 * i + 2]
         series.axhline(0.0, color="black", linewidth=0.6)
-        far = outliers_of(estimate, record, experiment, i)
+        far = style.outliers_of(estimate, record, experiment, i)
         rest = residual[:, i].copy()
         rest[far] = np.nan
-        series.plot(*course(record.t, rest), color=BLUE, linewidth=0.8)
+        series.plot(*style.course(record.t, rest), color=style.BLUE, linewidth=0.8)
         if far.size:
             _mark(series, record.t[far], residual[far, i], float(np.nanmax(np.abs(rest))))
-        label = labelled(name, record.units)
-        dress(
-            series, title=literal(f"residual of {short(name, 60)}"), xlabel="time [s]", ylabel=label
+        label = style.labelled(name, record.units)
+        style.dress(
+            series,
+            title=style.literal(f"residual of {short(name, 60)}"),
+            xlabel="time [s]",
+            ylabel=label,
         )
         correlation, count = autocorrelation(rest, int(lags[-1]))
         bound = NormalDist().inv_cdf((1 + LEVEL) / 2) / math.sqrt(max(count, 1))
-        correlogram.axhspan(-bound, bound, color=ORANGE, alpha=0.2, linewidth=0)
-        correlogram.vlines(times[1:], 0.0, correlation[1:], color=BLUE, linewidth=1.6)
+        correlogram.axhspan(-bound, bound, color=style.ORANGE, alpha=0.2, linewidth=0)
+        correlogram.vlines(times[1:], 0.0, correlation[1:], color=style.BLUE, linewidth=1.6)
         correlogram.axhline(0.0, color="black", linewidth=0.6)
         reach = 1.15 * max(2 * bound, float(np.max(np.abs(correlation[1:]), initial=0.0)))
         correlogram.set_ylim(-reach, reach)
         correlogram.set_xlim(0.0, float(times[-1]) * 1.02)
-        dress(
+        style.dress(
             correlogram,
             title=f"autocorrelation, with the {100 * LEVEL:.0f} % bounds of white noise",
             xlabel=f"lag [{unit}]",
@@ -116,7 +107,7 @@ def _mark(ax: Axes, t: Array, values: Array, largest: float) -> None:
         own = np.sign(values) == sign
         if own.any():
             places = np.clip(values[own], -0.93 * edge, 0.93 * edge)
-            ax.plot(t[own], places, marker, color=ORANGE, markersize=4.5, label=label)
+            ax.plot(t[own], places, marker, color=style.ORANGE, markersize=4.5, label=label)
             label = ""
     ax.set_ylim(-edge, edge)
-    legend(ax)
+    style.legend(ax)

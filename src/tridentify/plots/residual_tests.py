@@ -10,19 +10,7 @@ from scipy.special import ndtri
 
 from tridentify.judgement.validation.result import CrossCorrelation, Validation, Whiteness
 from tridentify.numerics.arrays import Array
-from tridentify.plots.style import (
-    BLUE,
-    GREY,
-    ORANGE,
-    Panels,
-    checked,
-    course,
-    dress,
-    labelled,
-    legend,
-    literal,
-    make_axes,
-)
+from tridentify.plots import style
 from tridentify.writing.layout import p_in_words
 
 if TYPE_CHECKING:
@@ -42,7 +30,9 @@ MOST_NUMBERED = 4
 """Experiments beside each other that leave room for a word."""
 
 
-def plot_residual_tests(validation: Validation, *, axes: Sequence[Axes] | None = None) -> Panels:
+def plot_residual_tests(
+    validation: Validation, *, axes: Sequence[Axes] | None = None
+) -> style.Panels:
     """Draw what the verdict on an estimate rests on.
 
     Parameters
@@ -68,10 +58,10 @@ def plot_residual_tests(validation: Validation, *, axes: Sequence[Axes] | None =
     correlated with their own past. Among many lags some lie outside by chance: the verdict is that
     of the joint tests (`Validation.tests`).
     """
-    checked(validation, Validation, "plot_residual_tests(validate(estimate, record))")
+    style.checked(validation, Validation, "plot_residual_tests(validate(estimate, record))")
     n_inputs = len(validation.input_names)
     heights = [HEIGHT, *[HEIGHT] * n_inputs, SQUARE, HEIGHT] * len(validation.output_names)
-    drawn = make_axes(axes, heights)
+    drawn = style.make_axes(axes, heights)
     each = n_inputs + 3
     for i, name in enumerate(validation.output_names):
         own = drawn[each * i : each * (i + 1)]
@@ -93,7 +83,7 @@ def _short(name: str) -> str:
     """A name that fits beside others in a title."""
     if len(name) > LONG_NAME:
         name = f"{name[: LONG_NAME - 9]}…{name[-8:]}"
-    return literal(name)
+    return style.literal(name)
 
 
 def _times(validation: Validation, lags: Array) -> tuple[Array, str]:
@@ -106,26 +96,26 @@ def _stems(ax: Axes, lags: Array, values: Array, bound: Array, level: float) -> 
     """Values at lags over their bounds; those outside stand out."""
     label = f"{100 * level:g} % at each lag"
     ax.fill_between(
-        lags, -bound, bound, step="mid", color=GREY, alpha=0.22, linewidth=0, label=label
+        lags, -bound, bound, step="mid", color=style.GREY, alpha=0.22, linewidth=0, label=label
     )
     out = np.abs(values) > bound
     width = float(np.clip(260.0 / max(lags.size, 1), 0.8, 3.0))
-    ax.vlines(lags[~out], 0.0, values[~out], color=BLUE, linewidth=width)
+    ax.vlines(lags[~out], 0.0, values[~out], color=style.BLUE, linewidth=width)
     if out.any():
-        ax.vlines(lags[out], 0.0, values[out], color=ORANGE, linewidth=width, label="outside")
+        ax.vlines(lags[out], 0.0, values[out], color=style.ORANGE, linewidth=width, label="outside")
     ax.axhline(0.0, color="black", linewidth=0.6)
     reach = 1.15 * max(2.0 * float(np.max(bound)), float(np.max(np.abs(values))), 1e-12)
     ax.set_ylim(-reach, reach)
     step = float(lags[1] - lags[0]) if lags.size > 1 else 1.0
     ax.set_xlim(float(lags[0]) - step, float(lags[-1]) + step)
-    legend(ax, columns=2)
+    style.legend(ax, columns=2)
 
 
 def _autocorrelation(ax: Axes, validation: Validation, one: Whiteness) -> None:
     lags, label = _times(validation, one.lags)
     _stems(ax, lags, one.autocorrelation, one.bound, validation.level)
     ax.set_xlim(left=0.0)
-    dress(ax, xlabel=label, ylabel="correlation [-]")
+    style.dress(ax, xlabel=label, ylabel="correlation [-]")
     _title(ax, f"{_short(one.output)} with itself, {p_in_words(one.p_value)}")
 
 
@@ -133,7 +123,7 @@ def _cross_correlation(ax: Axes, validation: Validation, one: CrossCorrelation) 
     lags, label = _times(validation, one.lags)
     _stems(ax, lags, one.correlation, one.bound, validation.level)
     ax.axvline(0.0, color="black", linewidth=0.6, linestyle=":")
-    dress(ax, xlabel=f"{label}: input first to the right", ylabel="correlation [-]")
+    style.dress(ax, xlabel=f"{label}: input first to the right", ylabel="correlation [-]")
     _title(ax, f"{_short(one.output)} with {_short(one.input)}")
 
 
@@ -153,10 +143,10 @@ def _quantiles(ax: Axes, validation: Validation, i: int) -> None:
         seen, expected = seen[kept], expected[kept]
     reach = 1.05 * float(max(np.max(np.abs(expected)), 1.0))
     ax.plot([-reach, reach], [-reach, reach], color="black", linewidth=0.8, label="Gaussian")
-    ax.plot(expected, seen, ".", color=BLUE, markersize=3.5)
+    ax.plot(expected, seen, ".", color=style.BLUE, markersize=3.5)
     ax.set_xlim(-reach, reach)
-    legend(ax)
-    dress(ax, xlabel="Gaussian quantile [standard deviations]", ylabel="residual / std [-]")
+    style.legend(ax)
+    style.dress(ax, xlabel="Gaussian quantile [standard deviations]", ylabel="residual / std [-]")
     one = validation.normality[i]
     _title(ax, f"{_short(one.output)}: distribution, {p_in_words(one.p_value)}")
 
@@ -166,19 +156,19 @@ def _course(ax: Axes, validation: Validation, i: int, name: str) -> None:
     starts = _beside(validation)
     for e, (t, residual) in enumerate(zip(validation.times, validation.residual, strict=True)):
         since = t - t[0] + starts[e]
-        ax.plot(*course(since, residual[:, i]), color=BLUE, linewidth=0.6, alpha=0.8)
+        ax.plot(*style.course(since, residual[:, i]), color=style.BLUE, linewidth=0.6, alpha=0.8)
         at, level, scale = _moving(since, residual[:, i])
         first = e == 0
-        ax.plot(at, level, color=ORANGE, linewidth=1.6, label="level" if first else "")
+        ax.plot(at, level, color=style.ORANGE, linewidth=1.6, label="level" if first else "")
         band = "± 2 standard deviations" if first else ""
         ax.plot(at, level + 2 * scale, color="black", linewidth=1.0, linestyle="--", label=band)
         ax.plot(at, level - 2 * scale, color="black", linewidth=1.0, linestyle="--")
-    legend(ax, columns=2)
+    style.legend(ax, columns=2)
     several = len(validation.times) > 1
     if several:
         _own_times(ax, validation, starts)
-    unit = labelled("residual", {"residual": validation.units.get(name, "")})
-    dress(ax, xlabel="time in each experiment [s]" if several else "time [s]", ylabel=unit)
+    unit = style.labelled("residual", {"residual": validation.units.get(name, "")})
+    style.dress(ax, xlabel="time in each experiment [s]" if several else "time [s]", ylabel=unit)
     _title(ax, f"{_short(name)}: moving level and size")
 
 
@@ -207,11 +197,11 @@ def _own_times(ax: Axes, validation: Validation, starts: list[float]) -> None:
         if len(starts) <= MOST_NUMBERED:
             ax.text(
                 start, 0.98, f"experiment {e + 1}", transform=ax.get_xaxis_transform(),
-                fontsize=8, va="top", color=GREY,
+                fontsize=8, va="top", color=style.GREY,
             )  # fmt: skip
         if e:
             edge = 0.5 * (start + starts[e - 1] + float(np.ptp(validation.times[e - 1])))
-            ax.axvline(edge, color=GREY, linewidth=0.8)
+            ax.axvline(edge, color=style.GREY, linewidth=0.8)
     ax.set_xticks(places, labels)
 
 

@@ -10,32 +10,23 @@ import numpy as np
 
 from tridentify.judgement.selection import Selection, SelectionRow
 from tridentify.numerics.arrays import Array
-from tridentify.plots.style import (
-    AMBER,
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    PURPLE,
-    Panels,
-    checked,
-    dress,
-    legend,
-    literal,
-    make_axes,
-)
+from tridentify.plots import style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-CRITERIA = (("aic", "AIC", AMBER, "^"), ("aicc", "AICc", BLUE, "o"), ("bic", "BIC", PURPLE, "s"))
+CRITERIA = (
+    ("aic", "AIC", style.AMBER, "^"),
+    ("aicc", "AICc", style.BLUE, "o"),
+    ("bic", "BIC", style.PURPLE, "s"),
+)
 LINEAR = 10.0
 """Differences of criteria are drawn to scale up to here, beyond it by their logarithm."""
 CROWDED = 8
 
 
-def plot_selection(selection: Selection, *, axes: Sequence[Axes] | None = None) -> Panels:
+def plot_selection(selection: Selection, *, axes: Sequence[Axes] | None = None) -> style.Panels:
     """Draw what the candidates of a selection have to say for themselves.
 
     Parameters
@@ -57,8 +48,8 @@ def plot_selection(selection: Selection, *, axes: Sequence[Axes] | None = None) 
     are not; a candidate that failed has a cross at the foot. Of several outputs the worst fit
     counts.
     """
-    checked(selection, Selection, "plot_selection(select_structure(record))")
-    drawn = make_axes(axes, [2.4, 1.5, 1.5], sharex=True)
+    style.checked(selection, Selection, "plot_selection(select_structure(record))")
+    drawn = style.make_axes(axes, [2.4, 1.5, 1.5], sharex=True)
     rows = selection.rows
     places = np.arange(len(rows), dtype=np.float64)
     for ax in drawn:
@@ -66,7 +57,7 @@ def plot_selection(selection: Selection, *, axes: Sequence[Axes] | None = None) 
     _draw_criteria(drawn[0], rows, places)
     _draw_fits(drawn[1], rows, places)
     _draw_errors(drawn[2], rows, places)
-    labels = [literal(row.label) for row in rows]
+    labels = [style.literal(row.label) for row in rows]
     turned = len(rows) > CROWDED or max(map(len, labels), default=0) > CROWDED
     for ax in drawn:
         ax.set_xlim(-0.6, len(rows) - 0.4)
@@ -81,7 +72,7 @@ def plot_selection(selection: Selection, *, axes: Sequence[Axes] | None = None) 
 def _mark_recommended(ax: Axes, selection: Selection) -> None:
     for k, row in enumerate(selection.rows):
         if row is selection.recommended:
-            ax.axvspan(k - 0.5, k + 0.5, color=GREEN, alpha=0.16, linewidth=0)
+            ax.axvspan(k - 0.5, k + 0.5, color=style.GREEN, alpha=0.16, linewidth=0)
 
 
 def _draw_criteria(ax: Axes, rows: Sequence[SelectionRow], places: Array) -> None:
@@ -100,7 +91,7 @@ def _draw_criteria(ax: Axes, rows: Sequence[SelectionRow], places: Array) -> Non
         decades = [10.0**k for k in range(1, math.ceil(math.log10(highest)) + 1)]
         ax.set_yticks([0.0, 5.0, *decades], ["0", "5", *(f"{d:,.0f}" for d in decades)])
         ax.minorticks_off()
-        ax.axhline(LINEAR, color=GREY, linewidth=0.7, linestyle=":")
+        ax.axhline(LINEAR, color=style.GREY, linewidth=0.7, linestyle=":")
     ax.set_ylim(bottom=-0.12 * (LINEAR if highest > 5.0 * LINEAR else highest))
     failed = [k for k, row in enumerate(rows) if row.estimate is None]
     if failed:
@@ -108,20 +99,20 @@ def _draw_criteria(ax: Axes, rows: Sequence[SelectionRow], places: Array) -> Non
             places[failed],
             np.full(len(failed), 0.04),
             "x",
-            color=GREY,
+            color=style.GREY,
             markersize=6,
             transform=ax.get_xaxis_transform(),
             label="failed",
         )
-    dress(ax, title="above the lowest", ylabel="criterion [-]")
-    legend(ax, columns=4)
+    style.dress(ax, title="above the lowest", ylabel="criterion [-]")
+    style.legend(ax, columns=4)
 
 
 def _draw_fits(ax: Axes, rows: Sequence[SelectionRow], places: Array) -> None:
     fitted = np.array([_least(row.fit) for row in rows])
     unseen = np.array([_least(row.cross_fit) for row in rows])
-    _marks(ax, rows, places - 0.12, fitted, BLUE, "o", "fitted")
-    _marks(ax, rows, places + 0.12, unseen, ORANGE, "D", "held out")
+    _marks(ax, rows, places - 0.12, fitted, style.BLUE, "o", "fitted")
+    _marks(ax, rows, places + 0.12, unseen, style.ORANGE, "D", "held out")
     every = np.concatenate([fitted, unseen])
     every = every[np.isfinite(every)]
     if every.size:
@@ -130,8 +121,8 @@ def _draw_fits(ax: Axes, rows: Sequence[SelectionRow], places: Array) -> None:
         low = max(float(every.min()), min(0.0, high))
         margin = 0.08 * max(high - low, 0.5)
         ax.set_ylim(low - margin, high + margin)
-    dress(ax, title="fit", ylabel="fit [%]")
-    legend(ax)
+    style.dress(ax, title="fit", ylabel="fit [%]")
+    style.legend(ax)
 
 
 def _draw_errors(ax: Axes, rows: Sequence[SelectionRow], places: Array) -> None:
@@ -143,10 +134,10 @@ def _draw_errors(ax: Axes, rows: Sequence[SelectionRow], places: Array) -> None:
         low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
         ax.set_ylim(min(0.5 * low, 5.0), max(2.0 * high, 200.0))
         ax.minorticks_off()
-    ax.axhline(100.0, color=ORANGE, linewidth=0.9, linestyle="--", label="as large as itself")
-    _marks(ax, rows, places, shown, BLUE, "o", "")
-    dress(ax, title="least certain coefficient", ylabel="std error\nover value [%]")
-    legend(ax)
+    ax.axhline(100.0, color=style.ORANGE, linewidth=0.9, linestyle="--", label="as large as itself")
+    _marks(ax, rows, places, shown, style.BLUE, "o", "")
+    style.dress(ax, title="least certain coefficient", ylabel="std error\nover value [%]")
+    style.legend(ax)
 
 
 def _marks(

@@ -9,17 +9,7 @@ from itertools import groupby
 from typing import TYPE_CHECKING
 
 from tridentify.errors import IdentifiabilityError
-from tridentify.plots.style import (
-    BLACK,
-    GREY,
-    Panels,
-    checked,
-    cycle_colour,
-    dress,
-    literal,
-    make_axes,
-    new_figure,
-)
+from tridentify.plots import style
 from tridentify.studies.declared.result import DeclaredResult
 from tridentify.studies.declared.statistics import CoefficientStatistics
 
@@ -41,7 +31,7 @@ Row = tuple[str, float, float]
 """Method, value, standard error."""
 
 
-def plot_study_cells(result: DeclaredResult, *, axes: Sequence[Axes] | None = None) -> Panels:
+def plot_study_cells(result: DeclaredResult, *, axes: Sequence[Axes] | None = None) -> style.Panels:
     """Draw error over the Cramer-Rao bound, and coverage, of every method in every cell.
 
     Parameters
@@ -65,7 +55,7 @@ def plot_study_cells(result: DeclaredResult, *, axes: Sequence[Axes] | None = No
     On the left the coefficient with the largest error over its bound, on the right that whose 95 %
     interval holds the truth least often; bars are two standard errors.
     """
-    checked(result, DeclaredResult, "plot_study_cells(run_study(...))")
+    style.checked(result, DeclaredResult, "plot_study_cells(run_study(...))")
     cells = shown_cells(result)
     if not cells:
         raise IdentifiabilityError(
@@ -74,15 +64,15 @@ def plot_study_cells(result: DeclaredResult, *, axes: Sequence[Axes] | None = No
     drawn = _panels(len(cells), len(_methods(result)), axes)
     _draw(drawn[0], result, cells, _error)
     _draw(drawn[1], result, cells, _coverage)
-    drawn[0].axvline(1.0, color=BLACK, linewidth=0.8, zorder=1)
+    drawn[0].axvline(1.0, color=style.BLACK, linewidth=0.8, zorder=1)
     drawn[0].set_xscale("log")
     low, high = drawn[0].get_xlim()
     drawn[0].set_xlim(min(low, 0.8), max(min(high, 1.2 * LIMIT), 3.0))
     drawn[0].xaxis.set_major_formatter("{x:g}")
-    drawn[1].axvline(100 * LEVEL, color=BLACK, linewidth=0.8, zorder=1)
+    drawn[1].axvline(100 * LEVEL, color=style.BLACK, linewidth=0.8, zorder=1)
     drawn[1].set_xlim(-3, 103)
-    dress(drawn[0], title="largest error", xlabel="RMSE over the Cramer-Rao bound")
-    dress(drawn[1], title="least coverage", xlabel="95 % intervals that hold the truth [%]")
+    style.dress(drawn[0], title="largest error", xlabel="RMSE over the Cramer-Rao bound")
+    style.dress(drawn[1], title="least coverage", xlabel="95 % intervals that hold the truth [%]")
     for ax in drawn:
         ax.grid(False, axis="y")
     if axes is None:
@@ -102,12 +92,12 @@ def _methods(result: DeclaredResult) -> list[str]:
     return [method.name for method in result.study.methods]
 
 
-def _panels(n_cells: int, n_methods: int, axes: Sequence[Axes] | None) -> Panels:
+def _panels(n_cells: int, n_methods: int, axes: Sequence[Axes] | None) -> style.Panels:
     if axes is not None:
-        return make_axes(axes, [1.0, 1.0])
+        return style.make_axes(axes, [1.0, 1.0])
     height = 1.3 + n_cells * max(0.5, PER_METHOD * n_methods)
-    figure = new_figure(WIDTH, height + 0.1 * n_methods / 4)
-    return Panels(figure.subplots(1, 2, sharey=True, width_ratios=[1.4, 1.0]))
+    figure = style.new_figure(WIDTH, height + 0.1 * n_methods / 4)
+    return style.Panels(figure.subplots(1, 2, sharey=True, width_ratios=[1.4, 1.0]))
 
 
 def _draw(
@@ -131,16 +121,16 @@ def _draw(
             places,
             xerr=bars,
             fmt=MARKERS[number % len(MARKERS)],
-            color=cycle_colour(number),
+            color=style.cycle_colour(number),
             markersize=4.5,
             linewidth=1,
-            label=literal(name),
+            label=style.literal(name),
         )
         for (_, value, _), place in zip(points, places, strict=True):
             if value > LIMIT:
                 ax.text(LIMIT, place, f"  {value:.2g}", fontsize=6, va="center")
     for k in range(len(cells) - 1):
-        ax.axhline(-k - 0.5, color=GREY, linewidth=0.4)
+        ax.axhline(-k - 0.5, color=style.GREY, linewidth=0.4)
     ax.set_yticks([-k for k in range(len(cells))], [_told(cell) for cell in cells])
     ax.set_ylim(-len(cells) + 0.5, 0.5)
 
@@ -160,4 +150,4 @@ def _coverage(rows: Sequence[CoefficientStatistics]) -> tuple[float, float]:
 
 def _told(cell: str) -> str:
     lines = [line for part in cell.split(" / ") for line in textwrap.wrap(part, NAME)]
-    return literal("\n".join(lines))
+    return style.literal("\n".join(lines))

@@ -7,20 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
-from tridentify.plots.style import (
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    Panels,
-    dress,
-    legend,
-    make_axes,
-)
+from tridentify.plots import style
 from tridentify.record.record import Record
-from tridentify.simulate import simulate
 from tridentify.studies.aircraft import PLANT
 from tridentify.studies.aircraft_numbers import ESTIMATORS, Condition
 from tridentify.studies.aircraft_result import AircraftResult
@@ -29,13 +19,15 @@ from tridentify.transfer_function import TransferFunction
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-COLOURS = (ORANGE, BLUE, GREEN)
+COLOURS = (style.ORANGE, style.BLUE, style.GREEN)
 """Of the estimators, in the pictures of this study."""
 FINE = 5
 """Points of a drawn response for each sample of the record."""
 
 
-def plot_step_responses(result: AircraftResult, *, axes: Sequence[Axes] | None = None) -> Panels:
+def plot_step_responses(
+    result: AircraftResult, *, axes: Sequence[Axes] | None = None
+) -> style.Panels:
     """Draw the truth with one noisy record, what the estimators make of all draws, and the input.
 
     Parameters
@@ -50,7 +42,7 @@ def plot_step_responses(result: AircraftResult, *, axes: Sequence[Axes] | None =
     Panels
         The axes.
     """
-    drawn = make_axes(axes, [2.2, 1.35, 1.35, 1.35, 0.9], sharex=True)
+    drawn = style.make_axes(axes, [2.2, 1.35, 1.35, 1.35, 0.9], sharex=True)
     condition = min(result.by_length()[0], key=lambda c: abs(c.ratio - 1.0))
     x = np.ones(condition.n_samples * FINE)
     grid = Record(x, x, dt=condition.dt / FINE)
@@ -59,19 +51,19 @@ def plot_step_responses(result: AircraftResult, *, axes: Sequence[Axes] | None =
     drawn[0].plot(
         example.t,
         example.y[:, 0],
-        color=GREY,
+        color=style.GREY,
         linewidth=0.6,
         marker=".",
         markersize=3.5,
         label="one record",
     )
-    drawn[0].plot(grid.t, truth, color=BLACK, linewidth=1.6, label="truth")
-    dress(
+    drawn[0].plot(grid.t, truth, color=style.BLACK, linewidth=1.6, label="truth")
+    style.dress(
         drawn[0],
         title=f"noise {condition.ratio:g} x RMS of the truth",
         ylabel="y [units of x]",
     )
-    legend(drawn[0], columns=2)
+    style.legend(drawn[0], columns=2)
     bands = [response_band(condition, j, grid) for j in range(len(ESTIMATORS))]
     for ax, colour, name, band in zip(drawn[1:-1], COLOURS, ESTIMATORS, bands, strict=True):
         _draw_band(ax, grid.t, truth, band, colour, name)
@@ -79,8 +71,10 @@ def plot_step_responses(result: AircraftResult, *, axes: Sequence[Axes] | None =
     for ax in drawn[1:-1]:
         ax.set_ylim(low, high)
     end = float(grid.t[-1])
-    drawn[-1].plot([-0.05 * end, 0.0, 0.0, end], [0.0, 0.0, 1.0, 1.0], color=BLACK, linewidth=1.2)
-    dress(drawn[-1], xlabel="time [s]", ylabel="x [-]")
+    drawn[-1].plot(
+        [-0.05 * end, 0.0, 0.0, end], [0.0, 0.0, 1.0, 1.0], color=style.BLACK, linewidth=1.2
+    )
+    style.dress(drawn[-1], xlabel="time [s]", ylabel="x [-]")
     return drawn
 
 
@@ -114,9 +108,9 @@ def response_band(condition: Condition, estimator: int, grid: Record) -> Array:
 def _draw_band(ax: Axes, t: Array, truth: Array, band: Array, colour: str, name: str) -> None:
     ax.fill_between(t, band[0], band[2], color=colour, alpha=0.25, linewidth=0, label="16-84 %")
     ax.plot(t, band[1], color=colour, linewidth=1.5, label="median")
-    ax.plot(t, truth, color=BLACK, linewidth=1.0, linestyle="--", label="truth")
-    dress(ax, title=name, ylabel="y [units of x]")
-    legend(ax)
+    ax.plot(t, truth, color=style.BLACK, linewidth=1.0, linestyle="--", label="truth")
+    style.dress(ax, title=name, ylabel="y [units of x]")
+    style.legend(ax)
 
 
 def _limits(truth: Array, bands: Sequence[Array]) -> tuple[float, float]:

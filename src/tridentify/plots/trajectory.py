@@ -10,20 +10,7 @@ import numpy.typing as npt
 
 from tridentify.numerics.arrays import Array
 from tridentify.online import Flag, Run
-from tridentify.plots.style import (
-    BLACK,
-    BLUE,
-    GREY,
-    ORANGE,
-    SKY,
-    Panels,
-    checked,
-    dress,
-    labelled,
-    legend,
-    literal,
-    make_axes,
-)
+from tridentify.plots import style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,7 +29,7 @@ def plot_trajectory(
     truth: Mapping[str, Truth] | None = None,
     *,
     axes: Sequence[Axes] | None = None,
-) -> Panels:
+) -> style.Panels:
     """Draw the coefficients over time with 95 % bands, changes, and flags below.
 
     Parameters
@@ -67,26 +54,26 @@ def plot_trajectory(
         with another number of values than the run has points.
     """
     if not hasattr(run, "flags"):
-        checked(run, Run, "plot_trajectory(online.run(method, record, structure))")
+        style.checked(run, Run, "plot_trajectory(online.run(method, record, structure))")
     known = _known(run, truth or {})
     flagged = _flagged(run)
     heights = [1.3] * len(run.names) + [0.45 + 0.17 * max(len(flagged), 1)]
-    drawn = make_axes(axes, heights, sharex=True)
+    drawn = style.make_axes(axes, heights, sharex=True)
     units = dict(zip(run.names, run.units, strict=False))
     for k, name in enumerate(run.names):
         _draw_coefficient(drawn[k], run, k, known.get(name))
-        dress(drawn[k], ylabel=labelled(name, units))
+        style.dress(drawn[k], ylabel=style.labelled(name, units))
     _draw_flags(drawn[-1], run, flagged)
     for ax in drawn:
         for at, when in enumerate(run.changes):
             ax.axvline(
                 when,
-                color=BLACK,
+                color=style.BLACK,
                 linewidth=0.9,
                 linestyle=(0, (4, 2)),
                 label=None if at else "change found",
             )
-    legend(drawn[0], columns=4)
+    style.legend(drawn[0], columns=4)
     return drawn
 
 
@@ -112,11 +99,17 @@ def _known(run: Run, truth: Mapping[str, Truth]) -> dict[str, Array]:
 def _draw_coefficient(ax: Axes, run: Run, k: int, truth: Array | None) -> None:
     theta, half = run.theta[:, k], SPAN * run.std[:, k]
     ax.fill_between(
-        run.time, theta - half, theta + half, color=SKY, alpha=0.45, linewidth=0, label="95 % band"
+        run.time,
+        theta - half,
+        theta + half,
+        color=style.SKY,
+        alpha=0.45,
+        linewidth=0,
+        label="95 % band",
     )
-    ax.plot(run.time, theta, color=BLUE, linewidth=1.3, label="estimate")
+    ax.plot(run.time, theta, color=style.BLUE, linewidth=1.3, label="estimate")
     if truth is not None:
-        ax.plot(run.time, truth, color=ORANGE, linewidth=1.3, linestyle="--", label="truth")
+        ax.plot(run.time, truth, color=style.ORANGE, linewidth=1.3, linestyle="--", label="truth")
     limits = _limits(theta, half, truth)
     if limits is not None:
         ax.set_ylim(*limits)
@@ -150,7 +143,7 @@ def _draw_flags(ax: Axes, run: Run, flagged: Sequence[Flag]) -> None:
         ax.plot(
             run.time[raised],
             np.full(int(raised.sum()), row),
-            color=ORANGE,
+            color=style.ORANGE,
             linestyle="none",
             marker="|",
             markersize=8,
@@ -158,9 +151,11 @@ def _draw_flags(ax: Axes, run: Run, flagged: Sequence[Flag]) -> None:
         )
     names = [str(flag.name).lower().replace("_", " ") for flag in flagged]
     ax.set_ylim(max(len(flagged), 1) - 0.4, -0.6)
-    dress(ax, xlabel="time [s]", ylabel="flags")
-    ax.set_yticks(range(len(names)), [literal(name) for name in names], fontsize=8)
+    style.dress(ax, xlabel="time [s]", ylabel="flags")
+    ax.set_yticks(range(len(names)), [style.literal(name) for name in names], fontsize=8)
     if not names:
         ax.set_yticks([])
-        ax.text(0.5, 0.5, "none", transform=ax.transAxes, ha="center", va="center", color=GREY)
+        ax.text(
+            0.5, 0.5, "none", transform=ax.transAxes, ha="center", va="center", color=style.GREY
+        )
     ax.grid(False, axis="y")

@@ -14,10 +14,6 @@ from typing import NoReturn
 
 import numpy as np
 
-from tridentify.checks.samples import (
-    TIME_TOLERANCE,
-    Intersample,
-)
 from tridentify.errors import (
     EmptyChannelError,
     EmptyRangeError,
@@ -31,6 +27,10 @@ from tridentify.errors import (
     shown,
 )
 from tridentify.numerics.arrays import Array
+from tridentify.record.checks.samples import (
+    Intersample,
+)
+from tridentify.record.checks.times import TIME_TOLERANCE
 from tridentify.record.formats.assemble import Wanted, find_channel, record_from, time_channels
 from tridentify.record.formats.channels import SECONDS
 from tridentify.record.formats.parts import Part, PartedFile, damaged, open_parts

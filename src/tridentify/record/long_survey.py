@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.checks.samples import check_inputs, check_outputs
 from tridentify.errors import EmptyChannelError, shown
 from tridentify.numerics.arrays import Array
+from tridentify.record.checks.samples import check_inputs, check_outputs
 from tridentify.record.long_record import LongRecord, Told
 from tridentify.record.record import Record
 

@@ -23,34 +23,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tridentify.checks.rates import evaluated, filtered, interpolate, merge_rates
-from tridentify.checks.references import (
-    check_shared,
-    reference_array,
-    reference_between,
-    settled_reference,
-)
-from tridentify.checks.samples import (
-    Behaviour,
-    Intersample,
-    channel_labels,
-    check_band_limited,
-    check_distinct,
-    check_inputs,
-    check_intersample,
-    check_lengths,
-    check_outputs,
-    checked_units,
-    chosen_channels,
-    instant,
-    looks_measured,
-    sample_array,
-    sample_range,
-    time_axis,
-    time_slack,
-    uniform_step,
-    warn_if_input_moves,
-)
 from tridentify.errors import (
     DataWarning,
     EmptyRangeError,
@@ -63,6 +35,36 @@ from tridentify.errors import (
 )
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.interpolation import FEWEST, lowpass
+from tridentify.record.checks.rates import evaluated, filtered, interpolate, merge_rates
+from tridentify.record.checks.references import (
+    check_shared,
+    reference_array,
+    reference_between,
+    settled_reference,
+)
+from tridentify.record.checks.samples import (
+    Behaviour,
+    Intersample,
+    channel_labels,
+    check_band_limited,
+    check_distinct,
+    check_inputs,
+    check_intersample,
+    check_lengths,
+    check_outputs,
+    checked_units,
+    chosen_channels,
+    looks_measured,
+    sample_array,
+    warn_if_input_moves,
+)
+from tridentify.record.checks.times import (
+    instant,
+    sample_range,
+    time_axis,
+    time_slack,
+    uniform_step,
+)
 from tridentify.writing.notebook import sparkline
 from tridentify.writing.pointers import OF_A_RECORD, Pointers
 from tridentify.writing.views import RecordViews

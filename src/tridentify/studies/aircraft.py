@@ -44,9 +44,9 @@ from tridentify.estimation.answer.trace import Status
 from tridentify.estimation.methods.base import Method
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.identify import identify
+from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
-from tridentify.simulate import simulate
 from tridentify.structure import Structure
 from tridentify.studies.aircraft_numbers import (
     COEFFICIENTS,

@@ -23,10 +23,10 @@ import scipy.linalg
 from numpy.typing import ArrayLike
 
 from tridentify.errors import IdentifiabilityError
+from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.least_squares import triangle
 from tridentify.record.record import Record
-from tridentify.simulate import simulate
 from tridentify.transfer_function import TransferFunction
 
 

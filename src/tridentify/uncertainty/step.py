@@ -14,9 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.models.simulate import realize
 from tridentify.numerics import delta_method
 from tridentify.numerics.arrays import Array
-from tridentify.simulate import realize
 from tridentify.uncertainty.checks import checked_times, factor_of
 
 

@@ -19,8 +19,6 @@ from typing import Any
 
 import numpy as np
 
-from tridentify.checks.names import check_names, check_units
-from tridentify.checks.samples import check_distinct, checked_units
 from tridentify.errors import DataError, ParameterNameError, ShapeError, shown
 from tridentify.estimation.answer.encoding import (
     LEFT_OUT,
@@ -43,6 +41,8 @@ from tridentify.estimation.answer.trace import Pass, Start, Status, Step, Trace,
 from tridentify.numerics import delta_method
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.root_draws import pole_values
+from tridentify.record.checks.names import check_names, check_units
+from tridentify.record.checks.samples import check_distinct, checked_units
 from tridentify.record.record import Record, in_memory
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
@@ -513,7 +513,7 @@ class Estimate(EstimateViews):
             [output units]; ``nan`` before the last delayed input has arrived, where the initial
             state is free: what came before the record is not known.
         """
-        from tridentify.simulate import simulate
+        from tridentify.models.simulate import simulate
 
         record = in_memory(record)
         found = (record.n_inputs, record.n_outputs)

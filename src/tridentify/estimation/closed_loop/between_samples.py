@@ -23,13 +23,13 @@ from typing import Literal
 
 import numpy as np
 
-from tridentify.checks.samples import Behaviour
 from tridentify.estimation.closed_loop.as_recorded import AsRecorded
 from tridentify.estimation.closed_loop.driven import Driven
 from tridentify.estimation.closed_loop.simulated import Simulated
+from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
+from tridentify.record.checks.samples import Behaviour
 from tridentify.record.record import Record
-from tridentify.simulate import simulate
 from tridentify.transfer_function import TransferFunction
 
 Sampling = Literal["sampled", "continuous"]

@@ -24,11 +24,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tridentify.checks.rates import evaluated
 from tridentify.models.regression import Experiment, response_of
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.interpolation import between
 from tridentify.numerics.realization import cascade
+from tridentify.record.checks.rates import evaluated
 from tridentify.record.record import Record
 
 MOST_FUNCTIONS = 16

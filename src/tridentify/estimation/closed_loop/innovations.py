@@ -40,13 +40,13 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from tridentify.checks.samples import Behaviour
 from tridentify.estimation.closed_loop.simulated import Simulated, closed, closed_output
+from tridentify.models.simulate import free_responses, simulate
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.discretize import discretize
 from tridentify.numerics.interpolation import drive
+from tridentify.record.checks.samples import Behaviour
 from tridentify.record.record import Record
-from tridentify.simulate import free_responses, simulate
 from tridentify.transfer_function import TransferFunction
 
 

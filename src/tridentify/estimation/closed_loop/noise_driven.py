@@ -37,9 +37,9 @@ from tridentify.estimation.closed_loop.driven import (
     starting,
     widest,
 )
+from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
-from tridentify.simulate import simulate
 from tridentify.transfer_function import TransferFunction
 
 FEWEST_ON_NOISE = 4

@@ -21,9 +21,9 @@ from tridentify.estimation.closed_loop.between_samples import Sampling
 from tridentify.estimation.closed_loop.innovations import ContinuousLoop
 from tridentify.estimation.closed_loop.most_likely import Likelihood
 from tridentify.estimation.closed_loop.simulated import ENTRIES
+from tridentify.models.simulate import free_responses
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
-from tridentify.simulate import free_responses
 from tridentify.transfer_function import TransferFunction
 
 Rule = Literal["bilinear", "zoh", "euler", "backward_diff"]

@@ -21,9 +21,9 @@ import numpy as np
 
 from tridentify.estimation.closed_loop.driven import befores, refined
 from tridentify.models.regression import Experiment
+from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
-from tridentify.simulate import simulate
 from tridentify.transfer_function import TransferFunction
 
 Entry = Literal["input", "set point"]

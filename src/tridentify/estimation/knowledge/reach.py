@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from tridentify.checks.scales import REACH
 from tridentify.errors import ScaleError
 from tridentify.numerics.arrays import Array
+from tridentify.record.checks.scales import REACH
 from tridentify.structure import Structure
 from tridentify.writing.layout import format_sum
 

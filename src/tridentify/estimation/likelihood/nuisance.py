@@ -24,12 +24,12 @@ from typing import cast
 
 import numpy as np
 
-from tridentify.checks.samples import typical_step
 from tridentify.errors import ConstantInputError, DelayError, OptionError, TooFewSamplesError
 from tridentify.estimation.likelihood.held_past import held_before
 from tridentify.estimation.likelihood.problem import Problem, Variant, states_of
 from tridentify.models.experiment import MIDDLING, Experiment
 from tridentify.numerics.arrays import Array
+from tridentify.record.checks.times import typical_step
 from tridentify.record.record import Record
 from tridentify.structure import InitialState, Structure
 

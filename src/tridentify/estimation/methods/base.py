@@ -11,13 +11,6 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from tridentify.checks.samples import typical_step
-from tridentify.checks.scales import (
-    LARGEST_SIGNAL,
-    check_coefficients,
-    check_span,
-    check_time,
-)
 from tridentify.errors import (
     ChannelCountError,
     ConstantOutputError,
@@ -36,6 +29,13 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.likelihood.problem import states_of
 from tridentify.estimation.methods.capability import Capability, refuse_unsupported
 from tridentify.numerics.arrays import Array
+from tridentify.record.checks.scales import (
+    LARGEST_SIGNAL,
+    check_coefficients,
+    check_span,
+    check_time,
+)
+from tridentify.record.checks.times import typical_step
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 from tridentify.writing.layout import unit_factors, unit_product

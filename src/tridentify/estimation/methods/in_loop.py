@@ -22,7 +22,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from tridentify.checks.samples import Behaviour
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate
@@ -35,6 +34,7 @@ from tridentify.estimation.closed_loop.predictor import Plant
 from tridentify.estimation.closed_loop.unstable_answer import estimate_of, open_loops, orders_of
 from tridentify.estimation.closed_loop.unstable_starts import starting_plants
 from tridentify.numerics.arrays import Array
+from tridentify.record.checks.samples import Behaviour
 from tridentify.record.record import Record
 
 ELSEWHERE = 1.0

@@ -24,7 +24,6 @@ from functools import partial
 
 import numpy as np
 
-from tridentify.checks.samples import typical_step
 from tridentify.errors import (
     DataError,
     IdentifiabilityError,
@@ -56,6 +55,7 @@ from tridentify.estimation.search.starts import discrete_poles, laguerre_starts
 from tridentify.numerics.arrays import Complex
 from tridentify.numerics.realization import sort_poles
 from tridentify.numerics.robust import Loss
+from tridentify.record.checks.times import typical_step
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction

@@ -38,10 +38,10 @@ from tridentify.estimation.closed_loop.driven import Driven
 from tridentify.estimation.closed_loop.noise_driven import made
 from tridentify.estimation.closed_loop.simulated import Simulated
 from tridentify.estimation.methods.passes import Rooted, apart, model_like, residuals
+from tridentify.models.simulate import free_responses, simulate
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import whiten
 from tridentify.record.record import Record
-from tridentify.simulate import free_responses, simulate
 from tridentify.transfer_function import TransferFunction
 
 NOTABLE = 1.02

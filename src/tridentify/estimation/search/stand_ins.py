@@ -22,10 +22,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from tridentify.checks.samples import typical_step
 from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.models.regression import Experiment
 from tridentify.numerics.arrays import Array
+from tridentify.record.checks.times import typical_step
 
 LARGE_RECORD = 5_000
 """Samples from which stand-ins are searched: two and a half windows, as a window saves little of

@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from tridentify.checks.samples import typical_step
 from tridentify.errors import TridentifyError
 from tridentify.judgement.advice.frequency import frequency_response
 from tridentify.numerics.arrays import Array
+from tridentify.record.checks.times import typical_step
 from tridentify.record.record import Record
 
 SHARE_OF_RANGE = 0.1

@@ -7,11 +7,11 @@ import textwrap
 from dataclasses import dataclass
 from typing import Any
 
-from tridentify.checks.samples import Behaviour
 from tridentify.estimation.answer.finding import Finding
 from tridentify.judgement.advice.frequency import FrequencyResponse
 from tridentify.judgement.advice.seen import DelaySeen
 from tridentify.judgement.causes.intersample import TIE
+from tridentify.record.checks.samples import Behaviour
 from tridentify.writing.layout import html_table
 
 _WIDTH = 78

@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from tridentify.checks.samples import looks_measured, typical_step
 from tridentify.estimation.answer.finding import Finding
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.converter import quantum, runs
 from tridentify.numerics.robust import median_scale
+from tridentify.record.checks.samples import looks_measured
+from tridentify.record.checks.times import typical_step
 from tridentify.record.record import Record
 
 CHANCE = 1e-4

@@ -15,11 +15,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tridentify.checks.samples import Behaviour, looks_measured, typical_step
 from tridentify.errors import TridentifyError
 from tridentify.judgement.causes.parallel import Parallel, WhitenedFit, p_value
 from tridentify.judgement.causes.surprises import moved, small_surprises
 from tridentify.numerics.arrays import Array
+from tridentify.record.checks.samples import Behaviour, looks_measured
+from tridentify.record.checks.times import typical_step
 
 PART = 0.25
 """Longest delay that is looked for, in durations."""

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tridentify.checks.samples import typical_step
 from tridentify.numerics.arrays import Array, Complex
+from tridentify.record.checks.times import typical_step
 from tridentify.record.record import Record
 
 BRIDGED = 4

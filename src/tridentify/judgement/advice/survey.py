@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.checks.samples import Behaviour, typical_step
 from tridentify.errors import TooFewSamplesError, TridentifyError
 from tridentify.estimation.answer.finding import Finding, ranked
 from tridentify.judgement.advice.frequency import (
@@ -39,6 +38,8 @@ from tridentify.judgement.causes.parallel import Parallel, WhitenedFit, p_value,
 from tridentify.judgement.cautions.sensors import seen_in
 from tridentify.judgement.selection import hankel_values
 from tridentify.numerics.arrays import Array
+from tridentify.record.checks.samples import Behaviour
+from tridentify.record.checks.times import typical_step
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 

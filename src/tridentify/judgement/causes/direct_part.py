@@ -37,7 +37,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.checks.samples import Behaviour
 from tridentify.errors import TridentifyError
 from tridentify.judgement.causes.first_samples import beginning
 from tridentify.judgement.causes.intersample import is_staircase
@@ -47,6 +46,7 @@ from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import Whitener
 from tridentify.numerics.interpolation import FEWEST
 from tridentify.numerics.robust import median_scale
+from tridentify.record.checks.samples import Behaviour
 from tridentify.record.record import Record
 
 FEWEST_JUMPS = 4

@@ -35,11 +35,11 @@ from tridentify.estimation.likelihood.problem import Problem
 from tridentify.judgement.causes.attempt import Attempt
 from tridentify.judgement.causes.direct_part import has_direct_part
 from tridentify.judgement.causes.surprises import moved, small_surprises
+from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import Whitener
 from tridentify.numerics.lagrange import Added, added, span
 from tridentify.record.record import Record
-from tridentify.simulate import simulate
 from tridentify.transfer_function import TransferFunction
 
 PAST = 12

@@ -13,9 +13,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tridentify.models.simulate import simulate_each
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
-from tridentify.simulate import simulate_each
 
 SOFT = 0.5
 """Standard deviations of a motion within which what takes hold of it is soft: ``tanh(z / SOFT)``

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tridentify.checks.samples import Behaviour
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
@@ -26,6 +25,7 @@ from tridentify.judgement.causes.revisit import (
     without_outliers,
 )
 from tridentify.numerics.interpolation import FEWEST
+from tridentify.record.checks.samples import Behaviour
 from tridentify.record.record import Record
 
 BEHAVIOURS: tuple[Behaviour, ...] = ("zoh", "foh", "band-limited")

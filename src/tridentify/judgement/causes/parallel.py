@@ -21,10 +21,10 @@ import numpy as np
 import scipy.linalg
 from scipy.special import fdtrc
 
-from tridentify.checks.samples import typical_step
 from tridentify.models.operators import Kautz, Laguerre, apply_operators
 from tridentify.numerics.arrays import Array, Flags
 from tridentify.numerics.autoregression import Whitener, fit_autoregression, most_coefficients
+from tridentify.record.checks.times import typical_step
 from tridentify.record.record import Record
 
 RATES = 9

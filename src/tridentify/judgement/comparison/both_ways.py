@@ -12,9 +12,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from tridentify.models.simulate import free_responses, simulate
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
-from tridentify.simulate import free_responses, simulate
 from tridentify.transfer_function import TransferFunction
 
 GROWN = 12.0

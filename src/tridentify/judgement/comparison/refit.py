@@ -16,10 +16,10 @@ import numpy as np
 
 from tridentify.errors import ScaleError
 from tridentify.judgement.comparison.both_ways import grows, responses
+from tridentify.models.simulate import free_responses, simulate
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.least_squares import solve, triangle
 from tridentify.record.record import Record
-from tridentify.simulate import free_responses, simulate
 from tridentify.transfer_function import TransferFunction
 
 ROUNDING = 1e-13

@@ -46,10 +46,10 @@ from tridentify.estimation.likelihood.nuisance import first_explained
 from tridentify.estimation.methods.output_error import OutputError
 from tridentify.judgement.causes.revisit import poles_of_estimate, problem_of, stated
 from tridentify.judgement.selection.paired import RANK, without
+from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.record.record import Record
-from tridentify.simulate import simulate
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 

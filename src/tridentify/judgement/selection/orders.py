@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from tridentify.checks.orders import is_pair
 from tridentify.errors import CandidateError, OptionError, shown
 from tridentify.judgement.causes.direct_part import has_direct_part
+from tridentify.record.checks.orders import is_pair
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 

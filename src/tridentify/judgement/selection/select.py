@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 
-from tridentify.checks.samples import Behaviour
 from tridentify.errors import DataError, TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.methods.base import Method, Progress, check_scale, check_signals
@@ -62,6 +61,7 @@ from tridentify.judgement.selection.table import SelectionTable, table_of
 from tridentify.judgement.selection.words import in_words
 from tridentify.numerics.executor import Executor
 from tridentify.numerics.threads import one_blas_thread
+from tridentify.record.checks.samples import Behaviour
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 

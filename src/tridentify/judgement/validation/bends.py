@@ -27,10 +27,10 @@ import numpy as np
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.causes.inner_states import gripping, inner_states, turns
 from tridentify.judgement.validation.residuals import View
+from tridentify.models.simulate import simulate_each
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.quantiles import quantiles
 from tridentify.record.record import Record
-from tridentify.simulate import simulate_each
 
 Columns = tuple[Array, ...]
 

@@ -19,7 +19,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.checks.samples import typical_step
 from tridentify.errors import ChannelCountError, DataError, TooFewSamplesError
 from tridentify.estimation.answer.assemble import fingerprint
 from tridentify.estimation.answer.estimate import Estimate
@@ -32,13 +31,14 @@ from tridentify.estimation.likelihood.raster import on_raster
 from tridentify.judgement.causes.first_samples import Predictions, beginning
 from tridentify.judgement.causes.revisit import point_of, stated
 from tridentify.models.response import Response
+from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import Whitener
 from tridentify.numerics.information import aicc_price
 from tridentify.numerics.least_squares import solve
 from tridentify.numerics.realization import monomials
+from tridentify.record.checks.times import typical_step
 from tridentify.record.record import Record
-from tridentify.simulate import simulate
 
 LONGEST = 100_000
 """Samples of a record that are looked at."""

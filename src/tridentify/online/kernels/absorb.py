@@ -8,37 +8,8 @@ from numpy.typing import NDArray
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.compiled import compiled
 from tridentify.numerics.recursive import forget, innovate, rotate
+from tridentify.online.kernels import slots
 from tridentify.online.kernels.intake import doubt, learn, noise_scale, watch
-from tridentify.online.kernels.slots import (
-    AT_ROW,
-    AT_WORK,
-    CUT,
-    DIRECTIONAL,
-    EXPONENTIAL,
-    FITTED,
-    FLAGS,
-    FORGETTING,
-    HELD_BLOCKS,
-    IDLE,
-    INNOVATION,
-    KIND,
-    LARGE,
-    LEARNING,
-    MOST_REFUSED,
-    MOVED,
-    OUTLIER,
-    PACE,
-    REFUSED,
-    RESETTING,
-    SCALE,
-    SCALE_PACE,
-    SINCE,
-    SQUARES,
-    TAKEN,
-    TOLD,
-    WEIGHT,
-    WEIGHT2,
-)
 
 Ints = NDArray[np.int64]
 
@@ -46,13 +17,13 @@ Ints = NDArray[np.int64]
 @compiled("void(int64[::1], float64[::1], float64[::1], int64, int64, float64, boolean)")
 def refuse(ints: Ints, c: Array, x: Array, w: int, first: int, error: float, ready: bool) -> None:
     """A doubtful sample: one far off still counts as a hint that the coefficients have moved."""
-    if int(x[FLAGS]) & OUTLIER:
-        x[w + REFUSED] += 1.0
+    if int(x[slots.FLAGS]) & slots.OUTLIER:
+        x[w + slots.REFUSED] += 1.0
         # refused samples count for the scale, or one that is too small would stay so
-        x[w + SCALE] *= 1.0 + max(4.0 / (x[w + TAKEN] + 8.0), SCALE_PACE)
-        watch(ints, c, x, w, first, TOLD if error > 0.0 else -TOLD, ready)
-        if x[w + REFUSED] > MOST_REFUSED:
-            x[w + MOVED] = 1.0
+        x[w + slots.SCALE] *= 1.0 + max(4.0 / (x[w + slots.TAKEN] + 8.0), slots.SCALE_PACE)
+        watch(ints, c, x, w, first, slots.TOLD if error > 0.0 else -slots.TOLD, ready)
+        if x[w + slots.REFUSED] > slots.MOST_REFUSED:
+            x[w + slots.MOVED] = 1.0
 
 
 @compiled(
@@ -75,12 +46,12 @@ def forget_along(
 def reset(x: Array, w: int, at: int, n: int, factor: float) -> None:
     """Most of what was learnt loses its weight, once in a memory."""
     period = np.floor(1.0 / (1.0 - factor) + 0.5)
-    if x[SINCE] % period == period - 1.0 and x[w + IDLE] == 0.0:
+    if x[slots.SINCE] % period == period - 1.0 and x[w + slots.IDLE] == 0.0:
         for i in range(n):
-            x[at + i] *= CUT
-        x[w + SQUARES] *= CUT
-        x[w + WEIGHT] *= CUT
-        x[w + WEIGHT2] *= CUT * CUT
+            x[at + i] *= slots.CUT
+        x[w + slots.SQUARES] *= slots.CUT
+        x[w + slots.WEIGHT] *= slots.CUT
+        x[w + slots.WEIGHT2] *= slots.CUT * slots.CUT
 
 
 @compiled(
@@ -89,39 +60,39 @@ def reset(x: Array, w: int, at: int, n: int, factor: float) -> None:
 )
 def absorb(ints: Ints, c: Array, x: Array, w: int, at: int, n: int, first: int, y: float) -> float:
     """One row with its target into one triangle, unless it is doubtful; gives the innovation."""
-    row, work = ints[AT_ROW], ints[AT_WORK]
+    row, work = ints[slots.AT_ROW], ints[slots.AT_WORK]
     fitted, leverage = innovate(x, at, n, first, row, work)
     error = y - fitted
-    x[w + FITTED] = fitted
-    x[w + INNOVATION] = error
+    x[w + slots.FITTED] = fitted
+    x[w + slots.INNOVATION] = error
     root = np.sqrt(1.0 + leverage)
-    known = x[w + SCALE] > 0.0
-    ready = x[w + TAKEN] > 10.0 * n + 30.0
+    known = x[w + slots.SCALE] > 0.0
+    ready = x[w + slots.TAKEN] > 10.0 * n + 30.0
     scale = noise_scale(x, w)
     if doubt(x, w, y, fitted, leverage, scale * root, n):
         refuse(ints, c, x, w, first, error, ready)
         return error
-    x[w + REFUSED] = 0.0
+    x[w + slots.REFUSED] = 0.0
     v = error / root
     if known and leverage < 1.0:
         z = v / scale
-        z = min(max(z, -LARGE), LARGE)
+        z = min(max(z, -slots.LARGE), slots.LARGE)
         watch(ints, c, x, w, first, z, ready)
-    if ints[LEARNING] > 0 and x[w + IDLE] >= HELD_BLOCKS:
+    if ints[slots.LEARNING] > 0 and x[w + slots.IDLE] >= slots.HELD_BLOCKS:
         return error
-    factor = c[FORGETTING]
-    kind = ints[KIND]
+    factor = c[slots.FORGETTING]
+    kind = ints[slots.KIND]
     kept = 1.0
-    if factor < 1.0 and kind == EXPONENTIAL:
+    if factor < 1.0 and kind == slots.EXPONENTIAL:
         kept = factor
-        forget(x, at, n, first, work, factor, c[PACE])
+        forget(x, at, n, first, work, factor, c[slots.PACE])
     rotate(x, at, n, first, row, work, y, 1.0)
-    if factor < 1.0 and kind == DIRECTIONAL:
+    if factor < 1.0 and kind == slots.DIRECTIONAL:
         kept = factor
         forget_along(x, at, n, first, row, work, y, error, leverage, factor)
-    if factor < 1.0 and kind == RESETTING:
+    if factor < 1.0 and kind == slots.RESETTING:
         reset(x, w, at, n, factor)
     if leverage < np.inf:
-        x[w + SQUARES] = kept * x[w + SQUARES] + error * error / (1.0 + leverage / kept)
+        x[w + slots.SQUARES] = kept * x[w + slots.SQUARES] + error * error / (1.0 + leverage / kept)
     learn(x, w, y, v if leverage < 1.0 else np.nan, kept)
     return error

@@ -20,60 +20,9 @@ from numpy.typing import NDArray
 
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.compiled import compiled
+from tridentify.online.kernels import slots
 from tridentify.online.kernels.intake import doubt, judge, learn, noise_scale, scatter
 from tridentify.online.kernels.signatures import INTS, SAMPLES, TABLE, VECTOR, WHICH
-from tridentify.online.kernels.slots import (
-    ALARM,
-    AT_FACTOR,
-    AT_LARGEST,
-    AT_LINE,
-    AT_SCATTER,
-    AT_WATCH,
-    BLOCK,
-    C_MAPS,
-    CHANGED,
-    CHUNK,
-    COLLECTING,
-    COLUMNS,
-    COUNT,
-    DIRECTIONS,
-    DIRECTIONS_STRIDE,
-    EVENT,
-    EXTRA,
-    FACTOR,
-    FIRST,
-    FITTED,
-    FLAGS,
-    FORGETTING,
-    FREE,
-    HELD_BLOCKS,
-    IDLE,
-    INBOX,
-    INNOVATION,
-    INPUTS,
-    INSIDE,
-    INTERVAL,
-    LARGE,
-    LARGEST,
-    LINE,
-    MOVED,
-    OUTPUTS,
-    PACE,
-    REFUSED,
-    SCALE,
-    SCATTER,
-    SCORES,
-    SEEN,
-    SENSELESS,
-    SINCE,
-    SMALLEST,
-    SQUARES,
-    TAKEN,
-    TICK,
-    TIME,
-    UNDER_WAY,
-    WATCH,
-)
 from tridentify.online.kernels.turning import turn_in
 from tridentify.online.kernels.workspace import ERRORS, FIT, LEVERAGE, LONGEST, SCALED_ERRORS
 
@@ -87,26 +36,26 @@ SHORTEST = 4
 def quiet(ints: Ints, x: Array, u: Array, y: Array, start: int, most: int) -> int:
     """How many samples from ``start`` on, but ``most``, may be tried as a block."""
     count = min(most, LONGEST)
-    if x[TICK] > x[COUNT]:
-        count = min(count, int(x[TICK] - x[COUNT]) - 1)
-    if x[COUNT] < x[ALARM]:
-        count = min(count, int(x[ALARM] - x[COUNT]))
-    if count < SHORTEST or ints[COLLECTING] or ints[CHUNK] > 0 or x[SINCE] == 0.0:
+    if x[slots.TICK] > x[slots.COUNT]:
+        count = min(count, int(x[slots.TICK] - x[slots.COUNT]) - 1)
+    if x[slots.COUNT] < x[slots.ALARM]:
+        count = min(count, int(x[slots.ALARM] - x[slots.COUNT]))
+    if count < SHORTEST or ints[slots.COLLECTING] or ints[slots.CHUNK] > 0 or x[slots.SINCE] == 0.0:
         return 0
-    if ints[FREE] and x[FIRST] == 0.0:
+    if ints[slots.FREE] and x[slots.FIRST] == 0.0:
         return 0
-    n = ints[COLUMNS]
-    for i in range(ints[OUTPUTS]):
-        w = ints[AT_WATCH] + i * ints[WATCH]
-        known = x[w + SCALE] > 0.0 and x[w + TAKEN] > 10.0 * n + 30.0
-        if not known or x[w + IDLE] >= HELD_BLOCKS:
+    n = ints[slots.COLUMNS]
+    for i in range(ints[slots.OUTPUTS]):
+        w = ints[slots.AT_WATCH] + i * ints[slots.WATCH]
+        known = x[w + slots.SCALE] > 0.0 and x[w + slots.TAKEN] > 10.0 * n + 30.0
+        if not known or x[w + slots.IDLE] >= slots.HELD_BLOCKS:
             return 0
-    m = ints[INPUTS]
-    for j in range(m + ints[OUTPUTS]):
-        bound = SENSELESS * x[ints[AT_LARGEST] + 2 * j]
+    m = ints[slots.INPUTS]
+    for j in range(m + ints[slots.OUTPUTS]):
+        bound = slots.SENSELESS * x[ints[slots.AT_LARGEST] + 2 * j]
         for i in range(count):
             size = abs(u[start + i, j]) if j < m else abs(y[start + i, j - m])
-            if not (size <= bound and size < LARGEST) or 0.0 < size < SMALLEST:
+            if not (size <= bound and size < slots.LARGEST) or 0.0 < size < slots.SMALLEST:
                 count = i
                 break
     return count
@@ -129,7 +78,7 @@ def settle(
     """Doubt the samples of a block and learn from them; how many are above doubt."""
     fit, leverages = room[own + FIT], room[own + LEVERAGE]
     errors, scores = room[own + ERRORS], room[own + SCALED_ERRORS]
-    flags = x[FLAGS]
+    flags = x[slots.FLAGS]
     for k in range(count):
         y, leverage = targets[k], leverages[k]
         error = y - fit[k]
@@ -137,12 +86,14 @@ def settle(
         scale = noise_scale(x, w)
         v = error / root
         if not leverage < 1.0 or doubt(x, w, y, fit[k], leverage, scale * root, n):
-            x[FLAGS] = flags
+            x[slots.FLAGS] = flags
             return k
         score = v / scale
-        scores[k] = min(max(score, -LARGE), LARGE)
+        scores[k] = min(max(score, -slots.LARGE), slots.LARGE)
         errors[k] = error
-        x[w + SQUARES] = factor * x[w + SQUARES] + error * error / (1.0 + leverage / factor)
+        x[w + slots.SQUARES] = factor * x[w + slots.SQUARES] + error * error / (
+            1.0 + leverage / factor
+        )
         learn(x, w, y, v, factor)
     return count
 
@@ -165,13 +116,14 @@ def gather(
     count: int,
 ) -> int:
     """The scores of a block of samples (`intake.watch`); how many are above judgement."""
-    k, n = ints[DIRECTIONS], ints[COLUMNS]
+    k, n = ints[slots.DIRECTIONS], ints[slots.COLUMNS]
     if k == 0:
         return count
-    if ints[DIRECTIONS_STRIDE] == 0:
+    output = (w - ints[slots.AT_WATCH]) // ints[slots.WATCH]
+    if ints[slots.DIRECTIONS_STRIDE] == 0:
         to = columns + n - k
     else:
-        maps = ints[C_MAPS] + ints[DIRECTIONS_STRIDE] * ((w - ints[AT_WATCH]) // ints[WATCH])
+        maps = ints[slots.C_MAPS] + ints[slots.DIRECTIONS_STRIDE] * output
         for i in range(k):
             gathered = room[to + i]
             for j in range(count):
@@ -181,13 +133,13 @@ def gather(
                 for j in range(count):
                     gathered[j] += weight * column[j]
     for i in range(k):
-        x[w + SCORES + i] = room[to + i, count - 1]
-    scores = w + SCORES + k
-    power = ints[AT_SCATTER] + ints[SCATTER] * ((w - ints[AT_WATCH]) // ints[WATCH]) + UNDER_WAY
+        x[w + slots.SCORES + i] = room[to + i, count - 1]
+    scores = w + slots.SCORES + k
+    power = ints[slots.AT_SCATTER] + ints[slots.SCATTER] * output + slots.UNDER_WAY
     v = room[own + SCALED_ERRORS]
     done = 0
     while done < count:
-        end = min(count, done + ints[BLOCK] - int(x[w + INSIDE]))
+        end = min(count, done + ints[slots.BLOCK] - int(x[w + slots.INSIDE]))
         m = scores + k
         squares = x[power]
         for j in range(done, end):
@@ -219,16 +171,16 @@ def gather(
                     a += one[j] * two[j]
                 x[m + s] = a
             m += i + 1
-        x[w + INSIDE] += float(end - done)
+        x[w + slots.INSIDE] += float(end - done)
         done = end
-        if x[w + INSIDE] >= ints[BLOCK]:
-            x[w + INSIDE] = 0.0
+        if x[w + slots.INSIDE] >= ints[slots.BLOCK]:
+            x[w + slots.INSIDE] = 0.0
             scatter(ints, c, x, w)
             x[power] = 0.0
             scale = 0
             while judge(ints, x, w, scale, True):
                 scale += 1
-            if x[w + IDLE] >= HELD_BLOCKS or x[w + MOVED] > 0.0:
+            if x[w + slots.IDLE] >= slots.HELD_BLOCKS or x[w + slots.MOVED] > 0.0:
                 return int(done - 1)
     return count
 
@@ -252,22 +204,22 @@ def absorb_block(
     first: int,
 ) -> int:
     """A block of rows with their targets into one triangle; how many of them were taken rightly."""
-    n = ints[COLUMNS]
-    w = ints[AT_WATCH] + output * ints[WATCH]
-    at = ints[AT_FACTOR] + output * ints[FACTOR]
+    n = ints[slots.COLUMNS]
+    w = ints[slots.AT_WATCH] + output * ints[slots.WATCH]
+    at = ints[slots.AT_FACTOR] + output * ints[slots.FACTOR]
     for i in range(first, n):
         if not x[at + i] > 0.0:
             return 0
-    factor = c[FORGETTING]
-    turn_in(x, at, n, first, room, columns, work, own, count, factor, c[PACE])
+    factor = c[slots.FORGETTING]
+    turn_in(x, at, n, first, room, columns, work, own, count, factor, c[slots.PACE])
     targets = room[columns + n]
     taken = settle(x, w, n, room, own, targets, count, factor)
     if taken < count:
         return taken
     taken = gather(ints, c, x, w, first, room, columns, directions, own, count)
-    x[w + REFUSED] = 0.0
-    x[w + FITTED] = room[own + FIT, count - 1]
-    x[w + INNOVATION] = room[own + ERRORS, count - 1]
+    x[w + slots.REFUSED] = 0.0
+    x[w + slots.FITTED] = room[own + FIT, count - 1]
+    x[w + slots.INNOVATION] = room[own + ERRORS, count - 1]
     return taken
 
 
@@ -284,25 +236,25 @@ def count_block(
     flags: Ints,
 ) -> None:
     """What `take_in` and `count` do to each sample of a block that was taken."""
-    m, p = ints[INPUTS], ints[OUTPUTS]
-    found = float(CHANGED) if x[COUNT] < x[ALARM] else 0.0
-    x[FLAGS] = found
-    x[SEEN] = float(int(x[SEEN]) | int(found))
+    m, p = ints[slots.INPUTS], ints[slots.OUTPUTS]
+    found = float(slots.CHANGED) if x[slots.COUNT] < x[slots.ALARM] else 0.0
+    x[slots.FLAGS] = found
+    x[slots.SEEN] = float(int(x[slots.SEEN]) | int(found))
     for k in range(count):
         flags[start + k] = int(found)
     for j in range(m + p):
-        most = ints[AT_LARGEST] + 2 * j
+        most = ints[slots.AT_LARGEST] + 2 * j
         largest = x[most]
         for k in range(count):
             largest = max(largest, abs(u[start + k, j]) if j < m else abs(y[start + k, j - m]))
         x[most], x[most + 1] = largest, 0.0
-        x[INBOX + j] = u[start + count - 1, j] if j < m else y[start + count - 1, j - m]
-    past = ints[LINE] - 1
+        x[slots.INBOX + j] = u[start + count - 1, j] if j < m else y[start + count - 1, j - m]
+    past = ints[slots.LINE] - 1
     for j in range(m):
-        at = ints[AT_LINE] + j * ints[LINE]
+        at = ints[slots.AT_LINE] + j * ints[slots.LINE]
         for s in range(past + 1):
             x[at + s] = lines[j, past + count - 1 - s]
-    x[EVENT] = 0.0
-    x[COUNT] += float(count)
-    x[SINCE] += float(count)
-    x[TIME] = (x[COUNT] - 1.0) * c[INTERVAL] + x[EXTRA]
+    x[slots.EVENT] = 0.0
+    x[slots.COUNT] += float(count)
+    x[slots.SINCE] += float(count)
+    x[slots.TIME] = (x[slots.COUNT] - 1.0) * c[slots.INTERVAL] + x[slots.EXTRA]

@@ -21,67 +21,9 @@ from numpy.typing import NDArray
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.compiled import compiled
 from tridentify.numerics.recursive import correct, drift, predict, solve_triangle
+from tridentify.online.kernels import slots
 from tridentify.online.kernels.absorb import absorb, refuse
 from tridentify.online.kernels.intake import count, doubt, learn, noise_scale, take_in, watch
-from tridentify.online.kernels.slots import (
-    ALARMED,
-    AT_BEFORE,
-    AT_COVARIANCE,
-    AT_FACTOR,
-    AT_GAIN,
-    AT_IMPULSE,
-    AT_INPUTS,
-    AT_LINE,
-    AT_OUTPUTS,
-    AT_ROW,
-    AT_THETA,
-    AT_WATCH,
-    AT_WORK,
-    BEGIN,
-    C_BASIS,
-    C_DIRECT,
-    C_EXTRA,
-    C_MONIC,
-    C_OUTPUT,
-    C_START,
-    C_STEP,
-    C_TAPS,
-    C_WALK,
-    C_WIDTHS,
-    C_ZEROS,
-    COLLECTING,
-    COLUMNS,
-    DOUBTED,
-    EVENT,
-    FILTERING,
-    FIRST,
-    FITTED,
-    FLAGS,
-    FREE,
-    HELD_BLOCKS,
-    IDLE,
-    IDLE_BLOCKS,
-    INBOX,
-    INNOVATION,
-    INPUTS,
-    LARGE,
-    LARGEST,
-    LINE,
-    MISSING_OUTPUT,
-    MOVED,
-    NOT_EXCITED,
-    NOT_READY,
-    OFFSET,
-    ORDER,
-    OUTPUTS,
-    REFUSED,
-    SINCE,
-    SQUARES,
-    TAKEN,
-    UPPER,
-    WALKERS,
-    WATCH,
-)
 
 Ints = NDArray[np.int64]
 
@@ -89,12 +31,12 @@ Ints = NDArray[np.int64]
 @compiled("void(int64[::1], float64[::1], float64[::1])", inline=True)
 def advance_inputs(ints: Ints, c: Array, x: Array) -> None:
     """The filter driven by the impulse at the beginning and by the inputs."""
-    m, q, upper = ints[INPUTS], ints[ORDER], ints[UPPER]
-    f, work = ints[C_STEP], ints[AT_WORK]
-    since = x[SINCE]
-    if ints[FREE]:
-        at = ints[AT_IMPULSE]
-        if since > ints[BEGIN] and x[FIRST] == 0.0:
+    m, q, upper = ints[slots.INPUTS], ints[slots.ORDER], ints[slots.UPPER]
+    f, work = ints[slots.C_STEP], ints[slots.AT_WORK]
+    since = x[slots.SINCE]
+    if ints[slots.FREE]:
+        at = ints[slots.AT_IMPULSE]
+        if since > ints[slots.BEGIN] and x[slots.FIRST] == 0.0:
             largest = 0.0
             for i in range(q):
                 total = 0.0
@@ -104,17 +46,17 @@ def advance_inputs(ints: Ints, c: Array, x: Array) -> None:
                 largest = max(largest, abs(total))
             for i in range(q):
                 x[at + i] = x[work + i]
-            if largest < c[ints[C_START]]:
-                x[FIRST] = float(q * ints[OUTPUTS])
-        elif since == ints[BEGIN]:
+            if largest < c[ints[slots.C_START]]:
+                x[slots.FIRST] = float(q * ints[slots.OUTPUTS])
+        elif since == ints[slots.BEGIN]:
             for i in range(q):
-                x[at + i] = c[ints[C_START] + 1 + i]
+                x[at + i] = c[ints[slots.C_START] + 1 + i]
     if since == 0.0:
         return
     for j in range(m):
-        own = ints[AT_INPUTS] + j * q
-        late = ints[AT_LINE] + j * ints[LINE] + int(c[ints[C_EXTRA] + j])
-        g = ints[C_TAPS] + 3 * j * q
+        own = ints[slots.AT_INPUTS] + j * q
+        late = ints[slots.AT_LINE] + j * ints[slots.LINE] + int(c[ints[slots.C_EXTRA] + j])
+        g = ints[slots.C_TAPS] + 3 * j * q
         now, new = x[own : own + q], x[work : work + q]
         arrived, before, earlier = x[late], x[late + 1], x[late + 2]
         for i in range(q):
@@ -130,12 +72,17 @@ def advance_inputs(ints: Ints, c: Array, x: Array) -> None:
 @compiled("void(int64[::1], float64[::1], float64[::1], int64)", inline=True)
 def free_motion(ints: Ints, c: Array, x: Array, i: int) -> None:
     """The filter of an output up to the newest sample, which is still to be added."""
-    if x[SINCE] == 0.0:
+    if x[slots.SINCE] == 0.0:
         return
-    q, upper, f, work = ints[ORDER], ints[UPPER], ints[C_STEP], ints[AT_WORK]
-    own, g = ints[AT_OUTPUTS] + i * q, ints[C_OUTPUT]
+    q, upper, f, work = (
+        ints[slots.ORDER],
+        ints[slots.UPPER],
+        ints[slots.C_STEP],
+        ints[slots.AT_WORK],
+    )
+    own, g = ints[slots.AT_OUTPUTS] + i * q, ints[slots.C_OUTPUT]
     now, new = x[own : own + q], x[work : work + q]
-    before = x[ints[AT_BEFORE] + i]
+    before = x[ints[slots.AT_BEFORE] + i]
     for r in range(q):
         total = c[g + r] * before
         transition = c[f + r * q : f + (r + 1) * q]
@@ -149,10 +96,10 @@ def free_motion(ints: Ints, c: Array, x: Array, i: int) -> None:
 @compiled("void(int64[::1], float64[::1], float64[::1], int64, float64)", inline=True)
 def add_newest(ints: Ints, c: Array, x: Array, i: int, y: float) -> None:
     """The share of the newest sample in the filter of an output."""
-    if x[SINCE] == 0.0:
+    if x[slots.SINCE] == 0.0:
         return
-    q = ints[ORDER]
-    own, g = ints[AT_OUTPUTS] + i * q, ints[C_OUTPUT] + q
+    q = ints[slots.ORDER]
+    own, g = ints[slots.AT_OUTPUTS] + i * q, ints[slots.C_OUTPUT] + q
     for r in range(q):
         x[own + r] += c[g + r] * y
 
@@ -160,23 +107,23 @@ def add_newest(ints: Ints, c: Array, x: Array, i: int, y: float) -> None:
 @compiled("float64(int64[::1], float64[::1], float64[::1], int64, float64)", inline=True)
 def build_row(ints: Ints, c: Array, x: Array, i: int, y: float) -> float:
     """Write the row of an output; gives its target."""
-    m, p, q, n = ints[INPUTS], ints[OUTPUTS], ints[ORDER], ints[COLUMNS]
-    row, basis = ints[AT_ROW], ints[C_BASIS]
+    m, p, q, n = ints[slots.INPUTS], ints[slots.OUTPUTS], ints[slots.ORDER], ints[slots.COLUMNS]
+    row, basis = ints[slots.AT_ROW], ints[slots.C_BASIS]
     at = row
-    if ints[FREE]:
-        if x[FIRST] == 0.0:
+    if ints[slots.FREE]:
+        if x[slots.FIRST] == 0.0:
             for s in range(p * q):
                 x[at + s] = 0.0
             for s in range(q):
-                x[at + i * q + s] = x[ints[AT_IMPULSE] + s]
+                x[at + i * q + s] = x[ints[slots.AT_IMPULSE] + s]
         at += p * q
-    if ints[OFFSET]:
+    if ints[slots.OFFSET]:
         for s in range(p):
             x[at + s] = 0.0
         x[at + i] = 1.0
         at += p
-    poles = int(c[ints[C_ZEROS] + m * p])
-    own = x[ints[AT_OUTPUTS] + i * q : ints[AT_OUTPUTS] + (i + 1) * q]
+    poles = int(c[ints[slots.C_ZEROS] + m * p])
+    own = x[ints[slots.AT_OUTPUTS] + i * q : ints[slots.AT_OUTPUTS] + (i + 1) * q]
     for d in range(poles):
         total = 0.0
         function = c[basis + d * q : basis + (d + 1) * q]
@@ -186,9 +133,9 @@ def build_row(ints: Ints, c: Array, x: Array, i: int, y: float) -> float:
     at += poles
     for o in range(p):
         for j in range(m):
-            zeros = int(c[ints[C_ZEROS] + o * m + j])
+            zeros = int(c[ints[slots.C_ZEROS] + o * m + j])
             if o == i:
-                states = x[ints[AT_INPUTS] + j * q : ints[AT_INPUTS] + (j + 1) * q]
+                states = x[ints[slots.AT_INPUTS] + j * q : ints[slots.AT_INPUTS] + (j + 1) * q]
                 for d in range(min(zeros + 1, q)):
                     total = 0.0
                     function = c[basis + d * q : basis + (d + 1) * q]
@@ -196,17 +143,19 @@ def build_row(ints: Ints, c: Array, x: Array, i: int, y: float) -> float:
                         total += function[s] * states[s]
                     x[at + d] = total
                 if zeros == q:
-                    late = ints[AT_LINE] + j * ints[LINE] + int(c[ints[C_EXTRA] + j])
-                    h = ints[C_DIRECT] + 2 * j
+                    late = (
+                        ints[slots.AT_LINE] + j * ints[slots.LINE] + int(c[ints[slots.C_EXTRA] + j])
+                    )
+                    h = ints[slots.C_DIRECT] + 2 * j
                     x[at + q] = c[h] * x[late] + c[h + 1] * x[late + 1]
             else:
                 for d in range(zeros + 1):
                     x[at + d] = 0.0
             at += zeros + 1
-    target = c[ints[C_MONIC] + q] * y
+    target = c[ints[slots.C_MONIC] + q] * y
     for s in range(q):
-        target += c[ints[C_MONIC] + s] * own[s]
-    weight = c[ints[C_MONIC] + q + 1 + i]
+        target += c[ints[slots.C_MONIC] + s] * own[s]
+    weight = c[ints[slots.C_MONIC] + q + 1 + i]
     if weight != 1.0:
         for s in range(n):
             x[row + s] *= weight
@@ -217,13 +166,13 @@ def build_row(ints: Ints, c: Array, x: Array, i: int, y: float) -> float:
 @compiled("float64(int64[::1], float64[::1], float64[::1], int64)")
 def slope(ints: Ints, c: Array, x: Array, theta: int) -> float:
     """``d eps / d y_k`` of the newest sample."""
-    m, p, q = ints[INPUTS], ints[OUTPUTS], ints[ORDER]
-    g, basis = ints[C_OUTPUT] + q, ints[C_BASIS]
-    first = p * (q * ints[FREE] + ints[OFFSET])
-    total = c[ints[C_MONIC] + q]
+    m, p, q = ints[slots.INPUTS], ints[slots.OUTPUTS], ints[slots.ORDER]
+    g, basis = ints[slots.C_OUTPUT] + q, ints[slots.C_BASIS]
+    first = p * (q * ints[slots.FREE] + ints[slots.OFFSET])
+    total = c[ints[slots.C_MONIC] + q]
     for s in range(q):
-        weight = c[ints[C_MONIC] + s]
-        for d in range(int(c[ints[C_ZEROS] + m * p])):
+        weight = c[ints[slots.C_MONIC] + s]
+        for d in range(int(c[ints[slots.C_ZEROS] + m * p])):
             weight += x[theta + first + d] * c[basis + d * q + s]
         total += weight * c[g + s]
     return float(total)
@@ -232,28 +181,28 @@ def slope(ints: Ints, c: Array, x: Array, theta: int) -> float:
 @compiled("float64(int64[::1], float64[::1], float64[::1], int64, float64)")
 def filtered(ints: Ints, c: Array, x: Array, w: int, y: float) -> float:
     """One row into the Kalman filter, unless it is doubtful; gives the innovation."""
-    n, row, work = ints[COLUMNS], ints[AT_ROW], ints[AT_WORK]
-    theta, at = ints[AT_THETA], ints[AT_COVARIANCE]
+    n, row, work = ints[slots.COLUMNS], ints[slots.AT_ROW], ints[slots.AT_WORK]
+    theta, at = ints[slots.AT_THETA], ints[slots.AT_COVARIANCE]
     fitted, spread = predict(x, theta, at, n, row, work)
     own = noise_scale(x, w)
     noise = own**2
     leverage = spread / noise if noise > 0.0 else 0.0
     error = y - fitted
-    x[w + FITTED] = fitted
-    x[w + INNOVATION] = error
+    x[w + slots.FITTED] = fitted
+    x[w + slots.INNOVATION] = error
     v = error / np.sqrt(1.0 + leverage)
     bounded = min(leverage, 0.9)
     if doubt(x, w, y, fitted, bounded, own * np.sqrt(1.0 + bounded), n):
-        refuse(ints, c, x, w, int(x[FIRST]), error, True)
+        refuse(ints, c, x, w, int(x[slots.FIRST]), error, True)
         return float(error)
-    x[w + REFUSED] = 0.0
+    x[w + slots.REFUSED] = 0.0
     if own > 0.0:
-        z = min(max(v / own, -LARGE), LARGE)
-        watch(ints, c, x, w, int(x[FIRST]), z, True)
-    if x[w + IDLE] >= HELD_BLOCKS:
+        z = min(max(v / own, -slots.LARGE), slots.LARGE)
+        watch(ints, c, x, w, int(x[slots.FIRST]), z, True)
+    if x[w + slots.IDLE] >= slots.HELD_BLOCKS:
         return float(error)
-    correct(x, theta, at, n, work, ints[AT_GAIN], error, noise)
-    x[w + SQUARES] += error * error / (1.0 + leverage)
+    correct(x, theta, at, n, work, ints[slots.AT_GAIN], error, noise)
+    x[w + slots.SQUARES] += error * error / (1.0 + leverage)
     learn(x, w, y, v, 1.0)
     return float(error)
 
@@ -262,64 +211,64 @@ def filtered(ints: Ints, c: Array, x: Array, w: int, y: float) -> float:
 def equation_step(ints: Ints, c: Array, x: Array, interval: float) -> float:
     """One sample, which stands in the inbox; gives the innovation of the first output."""
     take_in(ints, c, x, interval)
-    m, p = ints[INPUTS], ints[OUTPUTS]
-    if ints[COLLECTING]:
-        x[FLAGS] = float(int(x[FLAGS]) | NOT_READY)
+    m, p = ints[slots.INPUTS], ints[slots.OUTPUTS]
+    if ints[slots.COLLECTING]:
+        x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.NOT_READY)
         for i in range(p):
-            x[ints[AT_WATCH] + i * ints[WATCH] + INNOVATION] = np.nan
+            x[ints[slots.AT_WATCH] + i * ints[slots.WATCH] + slots.INNOVATION] = np.nan
         count(ints, x)
         return np.nan
     advance_inputs(ints, c, x)
-    n, theta = ints[COLUMNS], ints[AT_THETA]
-    begun = not ints[FREE] or x[SINCE] >= ints[BEGIN]
+    n, theta = ints[slots.COLUMNS], ints[slots.AT_THETA]
+    begun = not ints[slots.FREE] or x[slots.SINCE] >= ints[slots.BEGIN]
     idle = False
     resting = False
     for i in range(p):
-        w = ints[AT_WATCH] + i * ints[WATCH]
-        before = ints[AT_BEFORE] + i
-        y = x[INBOX + m + i]
-        seen = abs(y) < LARGEST
+        w = ints[slots.AT_WATCH] + i * ints[slots.WATCH]
+        before = ints[slots.AT_BEFORE] + i
+        y = x[slots.INBOX + m + i]
+        seen = abs(y) < slots.LARGEST
         used = y if seen else x[before]
         free_motion(ints, c, x, i)
         add_newest(ints, c, x, i, used)
         target = build_row(ints, c, x, i, used)
         if not begun:
-            x[w + INNOVATION] = np.nan
+            x[w + slots.INNOVATION] = np.nan
             x[before] = used
             continue
-        taken = x[w + TAKEN]
+        taken = x[w + slots.TAKEN]
         told = target if seen else np.nan
-        if ints[FILTERING]:
+        if ints[slots.FILTERING]:
             filtered(ints, c, x, w, told)
         else:
-            first = int(x[FIRST])
-            absorb(ints, c, x, w, ints[AT_FACTOR], n, first, told)
-        held = x[w + IDLE] >= HELD_BLOCKS
+            first = int(x[slots.FIRST])
+            absorb(ints, c, x, w, ints[slots.AT_FACTOR], n, first, told)
+        held = x[w + slots.IDLE] >= slots.HELD_BLOCKS
         resting = resting or held
-        refused = x[w + TAKEN] == taken
+        refused = x[w + slots.TAKEN] == taken
         if held:
-            refused = int(x[FLAGS]) & (MISSING_OUTPUT | DOUBTED) > 0
-        if refused and x[w + TAKEN] > 2.0 * n:
+            refused = int(x[slots.FLAGS]) & (slots.MISSING_OUTPUT | slots.DOUBTED) > 0
+        if refused and x[w + slots.TAKEN] > 2.0 * n:
             # what the model expects takes the place of the sample
-            if not ints[FILTERING]:
-                solve_triangle(x, ints[AT_FACTOR], n, theta)
-            rate = slope(ints, c, x, theta) * c[ints[C_MONIC] + ints[ORDER] + 1 + i]
+            if not ints[slots.FILTERING]:
+                solve_triangle(x, ints[slots.AT_FACTOR], n, theta)
+            rate = slope(ints, c, x, theta) * c[ints[slots.C_MONIC] + ints[slots.ORDER] + 1 + i]
             if abs(rate) > 1e-12:
-                expected = used - (target - x[w + FITTED]) / rate
-                if abs(expected) < LARGEST:
+                expected = used - (target - x[w + slots.FITTED]) / rate
+                if abs(expected) < slots.LARGEST:
                     add_newest(ints, c, x, i, expected - used)
                     used = expected
         x[before] = used
-        x[w + INNOVATION] /= c[ints[C_MONIC] + ints[ORDER] + 1 + i]
-        idle = idle or x[w + IDLE] >= IDLE_BLOCKS
-        if x[w + MOVED] > 0.0:
-            x[EVENT] = float(int(x[EVENT]) | ALARMED)
+        x[w + slots.INNOVATION] /= c[ints[slots.C_MONIC] + ints[slots.ORDER] + 1 + i]
+        idle = idle or x[w + slots.IDLE] >= slots.IDLE_BLOCKS
+        if x[w + slots.MOVED] > 0.0:
+            x[slots.EVENT] = float(int(x[slots.EVENT]) | slots.ALARMED)
     if idle:
-        x[FLAGS] = float(int(x[FLAGS]) | NOT_EXCITED)
-    if ints[FILTERING] and not resting:
+        x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.NOT_EXCITED)
+    if ints[slots.FILTERING] and not resting:
         drift(
-            x, ints[AT_COVARIANCE], n, c, ints[C_WALK], ints[C_WIDTHS], ints[WALKERS], interval,
-            ints[AT_GAIN] + n,
+            x, ints[slots.AT_COVARIANCE], n, c, ints[slots.C_WALK], ints[slots.C_WIDTHS],
+            ints[slots.WALKERS], interval, ints[slots.AT_GAIN] + n,
         )  # fmt: skip
     count(ints, x)
-    return float(x[ints[AT_WATCH] + INNOVATION])
+    return float(x[ints[slots.AT_WATCH] + slots.INNOVATION])

@@ -8,19 +8,8 @@ from numpy.typing import NDArray
 
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.compiled import compiled
+from tridentify.online.kernels import slots
 from tridentify.online.kernels.signatures import INTS, SAMPLES, TABLE, VECTOR
-from tridentify.online.kernels.slots import (
-    AT_LINE,
-    AT_REFERENCE,
-    C_DIRECT,
-    C_EXTRA,
-    C_STEP,
-    C_TAPS,
-    INPUTS,
-    LINE,
-    ORDER,
-    UPPER,
-)
 
 Ints = NDArray[np.int64]
 
@@ -28,10 +17,10 @@ Ints = NDArray[np.int64]
 @compiled(types.void(INTS, VECTOR, SAMPLES, types.int64, types.int64, TABLE), wide=True)
 def line_up(ints: Ints, x: Array, u: Array, start: int, count: int, lines: Array) -> None:
     """The inputs as the delay lines see them, oldest first."""
-    past = ints[LINE] - 1
-    for j in range(ints[INPUTS]):
-        line, at = lines[j], ints[AT_LINE] + j * ints[LINE]
-        reference = x[ints[AT_REFERENCE] + j]
+    past = ints[slots.LINE] - 1
+    for j in range(ints[slots.INPUTS]):
+        line, at = lines[j], ints[slots.AT_LINE] + j * ints[slots.LINE]
+        reference = x[ints[slots.AT_REFERENCE] + j]
         for s in range(past):
             line[past - 1 - s] = x[at + s]
         for i in range(count):
@@ -50,7 +39,7 @@ def run_filter(
     ``room[at + r, 0]`` is the state before, ``later`` what is added after the transition, times
     ``unused[r]``.
     """
-    q, f, upper = ints[ORDER], ints[C_STEP], ints[UPPER]
+    q, f, upper = ints[slots.ORDER], ints[slots.C_STEP], ints[slots.UPPER]
     r = 0
     while r < q:
         pair = upper > 0 and r + 1 < q and c[f + r * q + r + 1] != 0.0
@@ -95,10 +84,10 @@ def run_inputs(
     ints: Ints, c: Array, x: Array, room: Array, at: int, count: int, lines: Array, zeros: Array
 ) -> None:
     """States driven by the inputs, from those in column 0 of ``room[at:]``."""
-    q, past = ints[ORDER], ints[LINE] - 1
-    for j in range(ints[INPUTS]):
-        g = ints[C_TAPS] + 3 * j * q
-        line, shift = lines[j], past - int(c[ints[C_EXTRA] + j])
+    q, past = ints[slots.ORDER], ints[slots.LINE] - 1
+    for j in range(ints[slots.INPUTS]):
+        g = ints[slots.C_TAPS] + 3 * j * q
+        line, shift = lines[j], past - int(c[ints[slots.C_EXTRA] + j])
         for r in range(q):
             own = room[at + j * q + r]
             first, second, third = c[g + r], c[g + q + r], c[g + 2 * q + r]
@@ -116,8 +105,8 @@ def direct_terms(
     ints: Ints, c: Array, room: Array, to: int, j: int, count: int, lines: Array
 ) -> None:
     """Input ``j`` itself as it arrives, into a row of the workspace."""
-    line, shift = lines[j], ints[LINE] - 1 - int(c[ints[C_EXTRA] + j])
-    h, own = ints[C_DIRECT] + 2 * j, room[to]
+    line, shift = lines[j], ints[slots.LINE] - 1 - int(c[ints[slots.C_EXTRA] + j])
+    h, own = ints[slots.C_DIRECT] + 2 * j, room[to]
     now, before = line[shift:], line[shift - 1 :]
     for i in range(count):
         own[i] = c[h] * now[i] + c[h + 1] * before[i]

@@ -24,71 +24,16 @@ from numpy.typing import NDArray
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.compiled import compiled
 from tridentify.numerics.recursive import along, descend
+from tridentify.online.kernels import gradient_slots as places
+from tridentify.online.kernels import slots
 from tridentify.online.kernels.absorb import refuse
-from tridentify.online.kernels.gradient_slots import (
-    ANSWERS,
-    C_FITS,
-    C_SECOND,
-    DOUBTS,
-    FROM,
-    GRADIENT_PACE,
-    KEPT,
-    KNOWN,
-    MEMORY,
-    MOMENTS,
-    OWN,
-    PARALLEL_UNKNOWNS,
-    POLES,
-    RATE,
-    READY,
-    SERIES,
-    SERIES_UNKNOWNS,
-    SUMMED,
-    WHITE,
-    X_FITS,
-    X_MOMENTS,
-    X_ROOM,
-    X_SECOND,
-    fits_stride,
-)
 from tridentify.online.kernels.intake import count, doubt, learn, noise_scale, take_in, watch
 from tridentify.online.kernels.parallel import advance, complete_row
-from tridentify.online.kernels.slots import (
-    ALARMED,
-    AT_ROW,
-    AT_WATCH,
-    BEGIN,
-    COLLECTING,
-    COLUMNS,
-    COUNT,
-    EVENT,
-    FIRST,
-    FITTED,
-    FLAGS,
-    FREE,
-    IDLE,
-    IDLE_BLOCKS,
-    INBOX,
-    INNOVATION,
-    INPUTS,
-    LARGE,
-    MOVED,
-    NOT_EXCITED,
-    NOT_READY,
-    ORDER,
-    OUTPUTS,
-    REFUSED,
-    SCALE,
-    SINCE,
-    SQUARES,
-    TAKEN,
-    WATCH,
-)
 
 Ints = NDArray[np.int64]
 
 
-stride_of = compiled("int64(int64[::1])")(fits_stride)
+stride_of = compiled("int64(int64[::1])")(places.fits_stride)
 
 
 @compiled("void(float64[::1], float64[::1], int64, int64, int64, int64, int64, int64)")
@@ -164,7 +109,7 @@ def move(
     error : float
     """
     size = along(x, phi, k, c, gains, phi + k) * weight
-    known = c[KNOWN] > 0.0
+    known = c[places.KNOWN] > 0.0
     follow(x, at + k, known, taken, step, size)
     gain = gain_of(known, step, float(k), x[at + k])
     descend(x, at, k, phi + k, size, gain, error, weight)
@@ -173,48 +118,48 @@ def move(
 @compiled("float64(int64[::1], float64[::1], float64[::1], int64, int64, int64, float64)")
 def adapt(ints: Ints, c: Array, x: Array, output: int, n: int, first: int, step: float) -> float:
     """Steps 1 and 3 for one output, unless its sample is doubtful; gives the innovation."""
-    k1, k3, row = ints[PARALLEL_UNKNOWNS], ints[SERIES_UNKNOWNS], ints[AT_ROW]
-    w = ints[AT_WATCH] + output * ints[WATCH]
-    y = x[INBOX + ints[INPUTS] + output]
-    t1 = ints[C_FITS] + output * stride_of(ints)
+    k1, k3, row = ints[places.PARALLEL_UNKNOWNS], ints[places.SERIES_UNKNOWNS], ints[slots.AT_ROW]
+    w = ints[slots.AT_WATCH] + output * ints[slots.WATCH]
+    y = x[slots.INBOX + ints[slots.INPUTS] + output]
+    t1 = ints[places.C_FITS] + output * stride_of(ints)
     t0 = t1 + k1 * (n + k1)
     t3 = t0 + n
-    theta1 = ints[X_FITS] + output * (k1 + k3 + 2)
+    theta1 = ints[places.X_FITS] + output * (k1 + k3 + 2)
     theta3 = theta1 + k1 + 1
-    phi1 = ints[X_ROOM]
+    phi1 = ints[places.X_ROOM]
     phi3 = phi1 + 2 * k1
     regressors(c, x, t1, k1, n, first, row, phi1)
     parallel = inner(x, theta1, phi1, k1)
     fitted, k = parallel, k1
-    if ints[SERIES]:
+    if ints[places.SERIES]:
         regressors(c, x, t3, k3, n, first, row, phi3)
         fitted, k = inner(x, theta3, phi3, k3), k3
         for s in range(first, n):
             fitted += c[t0 + s] * x[row + s]
     error = y - fitted
-    x[w + FITTED] = fitted
-    x[w + INNOVATION] = error
+    x[w + slots.FITTED] = fitted
+    x[w + slots.INNOVATION] = error
     leverage = min(0.5 * step * k, 0.9)
-    taken = x[w + TAKEN]
-    ready = c[READY] > DOUBTS and taken > 10.0 * n + 30.0 and leverage < WHITE
-    known = x[w + SCALE] > 0.0
+    taken = x[w + slots.TAKEN]
+    ready = c[places.READY] > places.DOUBTS and taken > 10.0 * n + 30.0 and leverage < places.WHITE
+    known = x[w + slots.SCALE] > 0.0
     scale = noise_scale(x, w)
     # weights that follow every sample have no expectation that a sample could be far from
-    doubts = c[READY] > 0.0 and leverage < WHITE
+    doubts = c[places.READY] > 0.0 and leverage < places.WHITE
     own = scale * np.sqrt(1.0 + leverage) if doubts else np.inf
     if doubt(x, w, y, fitted, leverage, own, n):
         refuse(ints, c, x, w, first, error, ready)
         return float(error)
-    x[w + REFUSED] = 0.0
+    x[w + slots.REFUSED] = 0.0
     v = error / np.sqrt(1.0 + leverage)
     if known:
         z = v / scale
-        watch(ints, c, x, w, first, min(max(z, -LARGE), LARGE), ready)
+        watch(ints, c, x, w, first, min(max(z, -slots.LARGE), slots.LARGE), ready)
     move(c, x, theta1, k1, phi1, t1 + k1 * n, taken, step, 1.0, y - parallel)
-    if ints[SERIES]:
+    if ints[places.SERIES]:
         move(c, x, theta3, k3, phi3, t3 + k3 * n, taken, step, 1.0, error)
-    kept = 1.0 - min(step / MEMORY, 0.5)
-    x[w + SQUARES] = kept * x[w + SQUARES] + error * error
+    kept = 1.0 - min(step / places.MEMORY, 0.5)
+    x[w + slots.SQUARES] = kept * x[w + slots.SQUARES] + error * error
     learn(x, w, y, v, kept)
     return float(error)
 
@@ -222,13 +167,13 @@ def adapt(ints: Ints, c: Array, x: Array, output: int, n: int, first: int, step:
 @compiled("void(int64[::1], float64[::1], float64[::1], int64)")
 def answers(ints: Ints, c: Array, x: Array, at: int) -> None:
     """How the filter answers to each of the states that a model's output may hold."""
-    q, d, kept, row = ints[ORDER], ints[ANSWERS], ints[KEPT], ints[AT_ROW]
-    for channel in range(ints[INPUTS] + ints[FREE]):
+    q, d, kept, row = ints[slots.ORDER], ints[places.ANSWERS], ints[places.KEPT], ints[slots.AT_ROW]
+    for channel in range(ints[slots.INPUTS] + ints[slots.FREE]):
         own = row + channel * q
         for k in range(kept):
             for a in range(d):
                 value = 0.0
-                table = ints[C_SECOND] + (k * d + a) * q
+                table = ints[places.C_SECOND] + (k * d + a) * q
                 for s in range(q):
                     value += c[table + s] * x[own + s]
                 x[at + (channel * kept + k) * d + a] = value
@@ -239,20 +184,26 @@ def second(
     ints: Ints, c: Array, x: Array, output: int, n: int, first: int, step: float, answer: int
 ) -> None:
     """Step 2 on the output of the series model, or of the parallel one before there is another."""
-    k1, k3, row = ints[PARALLEL_UNKNOWNS], ints[SERIES_UNKNOWNS], ints[AT_ROW]
-    m, q, d, kept, poles = ints[INPUTS], ints[ORDER], ints[ANSWERS], ints[KEPT], ints[POLES]
-    base = ints[C_FITS] + output * stride_of(ints)
+    k1, k3, row = ints[places.PARALLEL_UNKNOWNS], ints[places.SERIES_UNKNOWNS], ints[slots.AT_ROW]
+    m, q, d, kept, poles = (
+        ints[slots.INPUTS],
+        ints[slots.ORDER],
+        ints[places.ANSWERS],
+        ints[places.KEPT],
+        ints[places.POLES],
+    )
+    base = ints[places.C_FITS] + output * stride_of(ints)
     t0 = base + k1 * (n + k1)
     t3 = t0 + n
     t2 = t3 + k3 * (n + k3)
-    theta = ints[X_FITS] + output * (k1 + k3 + 2)
-    r = answer + (m + ints[FREE]) * kept * d
-    width = q * (m + ints[FREE]) + m
+    theta = ints[places.X_FITS] + output * (k1 + k3 + 2)
+    r = answer + (m + ints[slots.FREE]) * kept * d
+    width = q * (m + ints[slots.FREE]) + m
     table, k = base, k1
-    if ints[SERIES]:
+    if ints[places.SERIES]:
         table, k, theta = t3, k3, theta + k1 + 1
     for s in range(width):
-        x[r + s] = c[t0 + s] if ints[SERIES] else 0.0
+        x[r + s] = c[t0 + s] if ints[places.SERIES] else 0.0
     for i in range(k):
         value = x[theta + i]
         at = table + i * n
@@ -261,49 +212,49 @@ def second(
     monic = 0.0
     for s in range(first, width):
         monic += x[r + s] * x[row + s]
-    unknowns = poles + ints[OUTPUTS] * ints[OWN]
+    unknowns = poles + ints[slots.OUTPUTS] * ints[places.OWN]
     psi = r + n
     for i in range(unknowns):
         x[psi + i] = 0.0
-    drive = ints[C_SECOND] + kept * d * q
+    drive = ints[places.C_SECOND] + kept * d * q
     for a in range(d):
         value = 0.0
-        for channel in range(first // q, m + ints[FREE]):
+        for channel in range(first // q, m + ints[slots.FREE]):
             for i in range(kept):
                 value += x[r + channel * q + i] * x[answer + (channel * kept + i) * d + a]
         for j in range(m):
-            through = x[r + q * (m + ints[FREE]) + j]
+            through = x[r + q * (m + ints[slots.FREE]) + j]
             if through != 0.0:
-                own = row + (j + ints[FREE]) * q
+                own = row + (j + ints[slots.FREE]) * q
                 for s in range(q):
                     value += through * c[drive + a * q + s] * x[own + s]
         if a < poles:
             x[psi + a] = -value
         else:
             monic = value
-    regressors(c, x, t2, ints[OWN], n, first, row, psi + poles + output * ints[OWN])
-    error = monic - inner(x, ints[X_SECOND], psi, unknowns)
-    weight = c[t2 + ints[OWN] * n]
+    regressors(c, x, t2, ints[places.OWN], n, first, row, psi + poles + output * ints[places.OWN])
+    error = monic - inner(x, ints[places.X_SECOND], psi, unknowns)
+    weight = c[t2 + ints[places.OWN] * n]
     gains = drive + d * q
-    move(c, x, ints[X_SECOND], unknowns, psi, gains, x[MOMENTS], step, weight, error)
+    move(c, x, ints[places.X_SECOND], unknowns, psi, gains, x[places.MOMENTS], step, weight, error)
 
 
 @compiled("void(int64[::1], float64[::1], int64)")
 def gather(ints: Ints, x: Array, n: int) -> None:
     """Sum of the unknowns of Step 2."""
-    unknowns = ints[POLES] + ints[OUTPUTS] * ints[OWN]
-    at = ints[X_SECOND]
+    unknowns = ints[places.POLES] + ints[slots.OUTPUTS] * ints[places.OWN]
+    at = ints[places.X_SECOND]
     for i in range(unknowns):
         x[at + unknowns + 1 + i] += x[at + i]
-    x[SUMMED] += 1.0
+    x[places.SUMMED] += 1.0
 
 
 @compiled("void(int64[::1], float64[::1], float64[::1], int64)")
 def moments(ints: Ints, c: Array, x: Array, n: int) -> None:
     """Running mean of ``z z'``, its lower triangle."""
-    row, at = ints[AT_ROW], ints[X_MOMENTS]
-    x[MOMENTS] += 1.0
-    pace = max(1.0 / x[MOMENTS], c[GRADIENT_PACE])
+    row, at = ints[slots.AT_ROW], ints[places.X_MOMENTS]
+    x[places.MOMENTS] += 1.0
+    pace = max(1.0 / x[places.MOMENTS], c[places.GRADIENT_PACE])
     for i in range(n):
         zi = x[row + i]
         if abs(zi) < 1e100:
@@ -316,37 +267,37 @@ def moments(ints: Ints, c: Array, x: Array, n: int) -> None:
 def gradient_step(ints: Ints, c: Array, x: Array, interval: float) -> float:
     """One sample, which stands in the inbox; gives the innovation of the first output."""
     take_in(ints, c, x, interval)
-    if ints[COLLECTING]:
-        x[FLAGS] = float(int(x[FLAGS]) | NOT_READY)
-        for i in range(ints[OUTPUTS]):
-            x[ints[AT_WATCH] + i * ints[WATCH] + INNOVATION] = np.nan
+    if ints[slots.COLLECTING]:
+        x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.NOT_READY)
+        for i in range(ints[slots.OUTPUTS]):
+            x[ints[slots.AT_WATCH] + i * ints[slots.WATCH] + slots.INNOVATION] = np.nan
         count(ints, x)
         return np.nan
     advance(ints, c, x)
     complete_row(ints, c, x)
-    n, first = ints[COLUMNS], int(x[FIRST])
-    if ints[FREE] and x[SINCE] < ints[BEGIN]:
-        for i in range(ints[OUTPUTS]):
-            x[ints[AT_WATCH] + i * ints[WATCH] + INNOVATION] = np.nan
+    n, first = ints[slots.COLUMNS], int(x[slots.FIRST])
+    if ints[slots.FREE] and x[slots.SINCE] < ints[slots.BEGIN]:
+        for i in range(ints[slots.OUTPUTS]):
+            x[ints[slots.AT_WATCH] + i * ints[slots.WATCH] + slots.INNOVATION] = np.nan
         count(ints, x)
         return np.nan
-    step = interval * c[RATE]
+    step = interval * c[places.RATE]
     idle = False
-    for i in range(ints[OUTPUTS]):
-        w = ints[AT_WATCH] + i * ints[WATCH]
+    for i in range(ints[slots.OUTPUTS]):
+        w = ints[slots.AT_WATCH] + i * ints[slots.WATCH]
         adapt(ints, c, x, i, n, first, step)
-        if x[w + IDLE] >= IDLE_BLOCKS:
-            x[FLAGS] = float(int(x[FLAGS]) | NOT_EXCITED)
+        if x[w + slots.IDLE] >= slots.IDLE_BLOCKS:
+            x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.NOT_EXCITED)
             idle = True
-        if x[w + MOVED] > 0.0:
-            x[EVENT] = float(int(x[EVENT]) | ALARMED)
-    answer = ints[X_ROOM]
+        if x[w + slots.MOVED] > 0.0:
+            x[slots.EVENT] = float(int(x[slots.EVENT]) | slots.ALARMED)
+    answer = ints[places.X_ROOM]
     answers(ints, c, x, answer)
-    for i in range(ints[OUTPUTS]):
+    for i in range(ints[slots.OUTPUTS]):
         second(ints, c, x, i, n, first, step, answer)
     if not idle:
         moments(ints, c, x, n)
-        if x[COUNT] >= x[FROM]:
+        if x[slots.COUNT] >= x[places.FROM]:
             gather(ints, x, n)
     count(ints, x)
-    return float(x[ints[AT_WATCH] + INNOVATION])
+    return float(x[ints[slots.AT_WATCH] + slots.INNOVATION])

@@ -44,98 +44,7 @@ from numpy.typing import NDArray
 
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.compiled import compiled
-from tridentify.online.kernels.slots import (
-    ALARM,
-    ALERT,
-    AT_CHUNK,
-    AT_FIRST,
-    AT_FIRST_INPUT,
-    AT_LARGEST,
-    AT_LINE,
-    AT_REFERENCE,
-    AT_ROW,
-    AT_SCATTER,
-    AT_WATCH,
-    BLOCK,
-    BLOCKS,
-    BLOCKS_FIRST,
-    BLOCKS_USUAL,
-    C_MAPS,
-    CHANGED,
-    CHUNK,
-    CHUNK_FULL,
-    COLUMNS,
-    COUNT,
-    DIRECTIONS,
-    DIRECTIONS_STRIDE,
-    DOUBLES,
-    EQUILIBRIUM,
-    EVENT,
-    EXTRA,
-    FAR,
-    FILLED,
-    FIRST_SCALED,
-    FLAGS,
-    FLOOR,
-    FLOOR_PACE,
-    FORGETTING,
-    HEADER,
-    HIGHEST,
-    IDLE,
-    IDLE_SHARE,
-    INBOX,
-    INPUTS,
-    INSIDE,
-    INTERVAL,
-    JITTER,
-    LARGEST,
-    LAST,
-    LEARNING,
-    LEVELS,
-    LIMITS,
-    LINE,
-    LOWEST,
-    MEAN,
-    MEAN_TO_MEDIAN,
-    MISSING_INPUT,
-    MISSING_OUTPUT,
-    MOVED,
-    NOT_READY,
-    NUMBER,
-    OUTLIER,
-    OUTPUTS,
-    PER_LEVEL,
-    PER_SCALE,
-    POWER,
-    RARE,
-    REPEATS,
-    SATURATED,
-    SCALE,
-    SCALE_PACE,
-    SCALED,
-    SCALES,
-    SCATTER,
-    SCORES,
-    SEEN,
-    SENSELESS,
-    SINCE,
-    SMALLEST,
-    SPREAD,
-    STANDS,
-    STUCK,
-    SUMS,
-    TAKEN,
-    TICK,
-    TICKED,
-    TIME,
-    TO_SCALE,
-    TRACE,
-    UNDER_WAY,
-    UNSURE,
-    WATCH,
-    WEIGHT,
-    WEIGHT2,
-)
+from tridentify.online.kernels import slots
 
 Ints = NDArray[np.int64]
 
@@ -143,124 +52,124 @@ Ints = NDArray[np.int64]
 @compiled("void(int64[::1], float64[::1], float64[::1], float64)", inline=True)
 def take_in(ints: Ints, c: Array, x: Array, interval: float) -> None:
     """Count, keep the time, put the input into the delay line and the sample into the chunk."""
-    m, p = ints[INPUTS], ints[OUTPUTS]
-    flags = CHANGED if x[COUNT] < x[ALARM] else 0
-    x[EVENT] = 0.0
-    line, at = ints[LINE], ints[AT_LINE]
+    m, p = ints[slots.INPUTS], ints[slots.OUTPUTS]
+    flags = slots.CHANGED if x[slots.COUNT] < x[slots.ALARM] else 0
+    x[slots.EVENT] = 0.0
+    line, at = ints[slots.LINE], ints[slots.AT_LINE]
     for k in range(m + p):
         # a value a million times the largest so far is none, but for many in a row
-        size = abs(x[INBOX + k])
-        most = ints[AT_LARGEST] + 2 * k
+        size = abs(x[slots.INBOX + k])
+        most = ints[slots.AT_LARGEST] + 2 * k
         patience = 2.0 if k < m else 30.0
-        if size <= SENSELESS * x[most] or x[most] == 0.0 or x[most + 1] >= patience:
-            if size < LARGEST:
+        if size <= slots.SENSELESS * x[most] or x[most] == 0.0 or x[most + 1] >= patience:
+            if size < slots.LARGEST:
                 x[most] = max(x[most], size)
                 x[most + 1] = 0.0
-        elif size < LARGEST:
+        elif size < slots.LARGEST:
             x[most + 1] += 1.0
-            x[INBOX + k] = np.nan
-            flags |= OUTLIER
-        if size < SMALLEST:
-            x[INBOX + k] = 0.0
-        if k >= m and not (abs(x[INBOX + k]) < LARGEST):
-            x[INBOX + k] = np.nan
-            flags |= MISSING_OUTPUT
+            x[slots.INBOX + k] = np.nan
+            flags |= slots.OUTLIER
+        if size < slots.SMALLEST:
+            x[slots.INBOX + k] = 0.0
+        if k >= m and not (abs(x[slots.INBOX + k]) < slots.LARGEST):
+            x[slots.INBOX + k] = np.nan
+            flags |= slots.MISSING_OUTPUT
     for j in range(m):
-        u = x[INBOX + j]
+        u = x[slots.INBOX + j]
         own = at + j * line
-        if not (abs(u) < LARGEST):
-            flags |= MISSING_INPUT
-            u = x[own] + x[ints[AT_REFERENCE] + j] if x[COUNT] > 0.0 else 0.0
-            x[INBOX + j] = u
+        if not (abs(u) < slots.LARGEST):
+            flags |= slots.MISSING_INPUT
+            u = x[own] + x[ints[slots.AT_REFERENCE] + j] if x[slots.COUNT] > 0.0 else 0.0
+            x[slots.INBOX + j] = u
         for s in range(line - 1, 0, -1):
             x[own + s] = x[own + s - 1]
-        if x[COUNT] == 0.0:
-            x[ints[AT_FIRST_INPUT] + j] = u
-            if ints[EQUILIBRIUM]:
-                x[ints[AT_REFERENCE] + j] = u
-        x[own] = u - x[ints[AT_REFERENCE] + j]
-    if x[COUNT] > 0.0:
-        if interval != c[INTERVAL]:
-            x[EXTRA] += interval - c[INTERVAL]
-            if abs(interval - c[INTERVAL]) > 1e-6 * c[INTERVAL]:
-                flags |= JITTER
-        x[TIME] = x[COUNT] * c[INTERVAL] + x[EXTRA]
-    if ints[CHUNK] > 0:
+        if x[slots.COUNT] == 0.0:
+            x[ints[slots.AT_FIRST_INPUT] + j] = u
+            if ints[slots.EQUILIBRIUM]:
+                x[ints[slots.AT_REFERENCE] + j] = u
+        x[own] = u - x[ints[slots.AT_REFERENCE] + j]
+    if x[slots.COUNT] > 0.0:
+        if interval != c[slots.INTERVAL]:
+            x[slots.EXTRA] += interval - c[slots.INTERVAL]
+            if abs(interval - c[slots.INTERVAL]) > 1e-6 * c[slots.INTERVAL]:
+                flags |= slots.JITTER
+        x[slots.TIME] = x[slots.COUNT] * c[slots.INTERVAL] + x[slots.EXTRA]
+    if ints[slots.CHUNK] > 0:
         width = m + p + 1
-        here = ints[AT_CHUNK] + int(x[FILLED]) * width
+        here = ints[slots.AT_CHUNK] + int(x[slots.FILLED]) * width
         x[here] = interval
         for s in range(m + p):
-            x[here + 1 + s] = x[INBOX + s]
-        x[FILLED] += 1.0
-        if x[FILLED] >= ints[CHUNK]:
-            x[EVENT] += CHUNK_FULL
-    x[FLAGS] = float(flags)
+            x[here + 1 + s] = x[slots.INBOX + s]
+        x[slots.FILLED] += 1.0
+        if x[slots.FILLED] >= ints[slots.CHUNK]:
+            x[slots.EVENT] += slots.CHUNK_FULL
+    x[slots.FLAGS] = float(flags)
 
 
 @compiled("void(int64[::1], float64[::1])", inline=True)
 def count(ints: Ints, x: Array) -> None:
     """The sample is done with."""
-    x[COUNT] += 1.0
-    x[SINCE] += 1.0
-    if x[FLAGS] != 0.0:
-        x[SEEN] = float(int(x[SEEN]) | (int(x[FLAGS]) & ~NOT_READY))
-    if x[COUNT] == x[TICK]:
-        x[EVENT] += TICKED
+    x[slots.COUNT] += 1.0
+    x[slots.SINCE] += 1.0
+    if x[slots.FLAGS] != 0.0:
+        x[slots.SEEN] = float(int(x[slots.SEEN]) | (int(x[slots.FLAGS]) & ~slots.NOT_READY))
+    if x[slots.COUNT] == x[slots.TICK]:
+        x[slots.EVENT] += slots.TICKED
 
 
 @compiled("float64(float64[::1], int64)", inline=True)
 def noise_scale(x: Array, w: int) -> float:
     """Standard deviation of the noise, but no less than a trace of the output's."""
-    return max(float(x[w + SCALE]), float(x[w + FLOOR]))
+    return max(float(x[w + slots.SCALE]), float(x[w + slots.FLOOR]))
 
 
 @compiled("boolean(float64[::1], int64, float64, float64, float64, float64, int64)", inline=True)
 def doubt(x: Array, w: int, y: float, fitted: float, leverage: float, own: float, n: int) -> bool:
     """Whether a sample is to be left out; says why in the flags. ``own``: of the innovation."""
-    if not (abs(y) < LARGEST):
-        x[FLAGS] = float(int(x[FLAGS]) | MISSING_OUTPUT)
-        x[w + REPEATS] = 0.0
+    if not (abs(y) < slots.LARGEST):
+        x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.MISSING_OUTPUT)
+        x[w + slots.REPEATS] = 0.0
         return True
-    if y == x[w + LAST] and x[w + REPEATS] > 0.0:
-        x[w + REPEATS] += 1.0
-        if x[w + REPEATS] == 2.0:
-            x[w + DOUBLES] += 1.0
+    if y == x[w + slots.LAST] and x[w + slots.REPEATS] > 0.0:
+        x[w + slots.REPEATS] += 1.0
+        if x[w + slots.REPEATS] == 2.0:
+            x[w + slots.DOUBLES] += 1.0
     else:
-        x[w + REPEATS] = 1.0
-        x[w + AT_FIRST] = fitted
-        x[w + STANDS] = 0.0
-    x[w + LAST] = y
-    limits = int(x[w + LIMITS])
-    if y > x[w + HIGHEST]:
-        x[w + HIGHEST] = y
+        x[w + slots.REPEATS] = 1.0
+        x[w + slots.AT_FIRST] = fitted
+        x[w + slots.STANDS] = 0.0
+    x[w + slots.LAST] = y
+    limits = int(x[w + slots.LIMITS])
+    if y > x[w + slots.HIGHEST]:
+        x[w + slots.HIGHEST] = y
         limits &= ~1
-    if y < x[w + LOWEST]:
-        x[w + LOWEST] = y
+    if y < x[w + slots.LOWEST]:
+        x[w + slots.LOWEST] = y
         limits &= ~2
-    x[w + LIMITS] = float(limits)
-    taken = x[w + TAKEN]
-    if taken < 2.0 * n + 10.0 or not (leverage < 1.0) or x[w + SCALED] < FIRST_SCALED:
+    x[w + slots.LIMITS] = float(limits)
+    taken = x[w + slots.TAKEN]
+    if taken < 2.0 * n + 10.0 or not (leverage < 1.0) or x[w + slots.SCALED] < slots.FIRST_SCALED:
         return False
     error = y - fitted
-    if x[w + REPEATS] >= 3.0:
-        if y >= x[w + HIGHEST] and error < -3.0 * own:
+    if x[w + slots.REPEATS] >= 3.0:
+        if y >= x[w + slots.HIGHEST] and error < -3.0 * own:
             limits |= 1
-        if y <= x[w + LOWEST] and error > 3.0 * own:
+        if y <= x[w + slots.LOWEST] and error > 3.0 * own:
             limits |= 2
-        x[w + LIMITS] = float(limits)
-    if (limits & 1 and y >= x[w + HIGHEST]) or (limits & 2 and y <= x[w + LOWEST]):
-        x[FLAGS] = float(int(x[FLAGS]) | SATURATED)
+        x[w + slots.LIMITS] = float(limits)
+    if (limits & 1 and y >= x[w + slots.HIGHEST]) or (limits & 2 and y <= x[w + slots.LOWEST]):
+        x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.SATURATED)
         return True
-    if x[w + REPEATS] >= 5.0 and abs(fitted - x[w + AT_FIRST]) > 4.0 * own:
-        x[w + STANDS] = 1.0
-    if x[w + REPEATS] >= 2.0 and x[w + DOUBLES] < RARE * x[w + TAKEN]:
-        x[w + STANDS] = 1.0
-    if x[w + STANDS] > 0.0:
-        x[FLAGS] = float(int(x[FLAGS]) | STUCK)
+    if x[w + slots.REPEATS] >= 5.0 and abs(fitted - x[w + slots.AT_FIRST]) > 4.0 * own:
+        x[w + slots.STANDS] = 1.0
+    if x[w + slots.REPEATS] >= 2.0 and x[w + slots.DOUBLES] < slots.RARE * x[w + slots.TAKEN]:
+        x[w + slots.STANDS] = 1.0
+    if x[w + slots.STANDS] > 0.0:
+        x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.STUCK)
         return True
-    far = FAR * own
-    if abs(error) > far and abs(error) > (1.0 + UNSURE / np.sqrt(taken)) * far:
-        x[FLAGS] = float(int(x[FLAGS]) | OUTLIER)
+    far = slots.FAR * own
+    if abs(error) > far and abs(error) > (1.0 + slots.UNSURE / np.sqrt(taken)) * far:
+        x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.OUTLIER)
         return True
     return False
 
@@ -268,46 +177,48 @@ def doubt(x: Array, w: int, y: float, fitted: float, leverage: float, own: float
 @compiled("void(float64[::1], int64, float64, float64, float64)", inline=True)
 def learn(x: Array, w: int, y: float, v: float, factor: float) -> None:
     """Follow scale, mean and spread of an output with a sample that was taken."""
-    x[w + TAKEN] += 1.0
-    taken = x[w + TAKEN]
-    x[w + WEIGHT] = factor * x[w + WEIGHT] + 1.0
-    x[w + WEIGHT2] = factor * factor * x[w + WEIGHT2] + 1.0
-    step = y - x[w + MEAN]
-    x[w + MEAN] += step / x[w + WEIGHT]
-    x[w + SPREAD] = factor * x[w + SPREAD] + step * (y - x[w + MEAN])
-    if int(taken) % FLOOR_PACE == 1:
-        size = np.sqrt(x[w + SPREAD] / x[w + WEIGHT] + x[w + MEAN] ** 2)
-        x[w + FLOOR] = TRACE * size
-    size = abs(v) * TO_SCALE
-    known = x[w + SCALED] == 0.0 and x[w + SCALE] > 0.0
+    x[w + slots.TAKEN] += 1.0
+    taken = x[w + slots.TAKEN]
+    x[w + slots.WEIGHT] = factor * x[w + slots.WEIGHT] + 1.0
+    x[w + slots.WEIGHT2] = factor * factor * x[w + slots.WEIGHT2] + 1.0
+    step = y - x[w + slots.MEAN]
+    x[w + slots.MEAN] += step / x[w + slots.WEIGHT]
+    x[w + slots.SPREAD] = factor * x[w + slots.SPREAD] + step * (y - x[w + slots.MEAN])
+    if int(taken) % slots.FLOOR_PACE == 1:
+        size = np.sqrt(x[w + slots.SPREAD] / x[w + slots.WEIGHT] + x[w + slots.MEAN] ** 2)
+        x[w + slots.FLOOR] = slots.TRACE * size
+    size = abs(v) * slots.TO_SCALE
+    known = x[w + slots.SCALED] == 0.0 and x[w + slots.SCALE] > 0.0
     if not (size >= 0.0):
         return
-    if x[w + SCALED] < FIRST_SCALED:
+    if x[w + slots.SCALED] < slots.FIRST_SCALED:
         # a mean of few is better than a median of few; a scale that was given is kept
-        x[w + SCALED] = FIRST_SCALED if known else x[w + SCALED] + 1.0
+        x[w + slots.SCALED] = slots.FIRST_SCALED if known else x[w + slots.SCALED] + 1.0
         if not known:
-            x[w + SCALE] += (size * MEAN_TO_MEDIAN - x[w + SCALE]) / x[w + SCALED]
+            x[w + slots.SCALE] += (size * slots.MEAN_TO_MEDIAN - x[w + slots.SCALE]) / x[
+                w + slots.SCALED
+            ]
     else:
-        up, down = 1.0 + SCALE_PACE, 1.0 / (1.0 + SCALE_PACE)
-        if taken < 4.0 / SCALE_PACE:
-            up = 1.0 + max(4.0 / (taken + 8.0), SCALE_PACE)
+        up, down = 1.0 + slots.SCALE_PACE, 1.0 / (1.0 + slots.SCALE_PACE)
+        if taken < 4.0 / slots.SCALE_PACE:
+            up = 1.0 + max(4.0 / (taken + 8.0), slots.SCALE_PACE)
             down = 1.0 / up
-        x[w + SCALE] *= up if size > x[w + SCALE] else down
+        x[w + slots.SCALE] *= up if size > x[w + slots.SCALE] else down
 
 
 @compiled("boolean(int64[::1], float64[::1], int64, int64, boolean)")
 def judge(ints: Ints, x: Array, w: int, scale: int, ready: bool) -> bool:
     """Judge the block of a scale, add it to that of the next; whether that one is now full."""
-    k = ints[DIRECTIONS]
+    k = ints[slots.DIRECTIONS]
     width = k + k * (k + 1) // 2
-    own = w + SCORES + k + scale * (width + SUMS)
+    own = w + slots.SCORES + k + scale * (width + slots.SUMS)
     state = own + width
     # while the input rests there is nothing to judge by
-    resting = scale == 0 and x[w + IDLE] > 0.0
-    if scale + 1 < SCALES and not resting:
+    resting = scale == 0 and x[w + slots.IDLE] > 0.0
+    if scale + 1 < slots.SCALES and not resting:
         for i in range(width):
-            x[own + width + SUMS + i] += x[own + i]
-    usual = w + SCORES + k + SCALES * (width + SUMS)
+            x[own + width + slots.SUMS + i] += x[own + i]
+    usual = w + slots.SCORES + k + slots.SCALES * (width + slots.SUMS)
     scores, m = own, own + k
     total = 0.0
     directions = 0
@@ -333,36 +244,36 @@ def judge(ints: Ints, x: Array, w: int, scale: int, ready: bool) -> bool:
         if live:
             total += x[scores + i] ** 2 / pivot
             directions += 1
-        if pivot < IDLE_SHARE * x[usual + i]:
+        if pivot < slots.IDLE_SHARE * x[usual + i]:
             idle = True
     if scale == 0:
         # a first large block must not make all others look idle for ever
-        x[w + BLOCKS] += 1.0
-        blocks = min(x[w + BLOCKS], BLOCKS_USUAL)
-        if idle and blocks > BLOCKS_FIRST:
-            blocks = 10.0 * BLOCKS_USUAL
+        x[w + slots.BLOCKS] += 1.0
+        blocks = min(x[w + slots.BLOCKS], slots.BLOCKS_USUAL)
+        if idle and blocks > slots.BLOCKS_FIRST:
+            blocks = 10.0 * slots.BLOCKS_USUAL
         for i in range(k):
             x[usual + i] += (x[m + i * (i + 1) // 2 + i] - x[usual + i]) / blocks
-        x[w + IDLE] = x[w + IDLE] + 1.0 if idle else 0.0
+        x[w + slots.IDLE] = x[w + slots.IDLE] + 1.0 if idle else 0.0
     for i in range(width):
         x[own + i] = 0.0
     if ready and directions > 0 and not (resting or idle):
         ratio = total / directions
         norm = 1.0 + x[state + 1]
         x[state + 3] += 1.0
-        if x[state + 3] <= ints[LEARNING]:
+        if x[state + 3] <= ints[slots.LEARNING]:
             x[state + 1] += (ratio - norm) / x[state + 3]
         else:
             x[state] = max(0.0, x[state] + directions * (ratio / norm - 2.0))
-            if x[state] > ints[ALERT]:
-                x[w + MOVED] = 1.0
-            x[state + 1] += (min(ratio, 4.0 * norm) - norm) / BLOCKS_USUAL
+            if x[state] > ints[slots.ALERT]:
+                x[w + slots.MOVED] = 1.0
+            x[state + 1] += (min(ratio, 4.0 * norm) - norm) / slots.BLOCKS_USUAL
         x[state + 1] = max(0.0, x[state + 1])
     x[state + 2] += 1.0
-    if x[state + 2] < PER_SCALE:
+    if x[state + 2] < slots.PER_SCALE:
         return False
     x[state + 2] = 0.0
-    return scale + 1 < SCALES
+    return scale + 1 < slots.SCALES
 
 
 @compiled("void(int64[::1], float64[::1], float64[::1], int64)")
@@ -371,25 +282,27 @@ def scatter(ints: Ints, c: Array, x: Array, w: int) -> None:
 
     To be called before the block is judged, as that takes its sums apart.
     """
-    k = ints[DIRECTIONS]
+    k = ints[slots.DIRECTIONS]
     width = k * (k + 1) // 2
-    scores = w + SCORES + k
-    at = ints[AT_SCATTER] + ints[SCATTER] * ((w - ints[AT_WATCH]) // ints[WATCH])
-    keep = c[FORGETTING] ** ints[BLOCK]
-    x[at + POWER] = keep * x[at + POWER] + x[at + UNDER_WAY]
-    x[at + NUMBER] = keep * x[at + NUMBER] + ints[BLOCK]
-    at += HEADER
+    scores = w + slots.SCORES + k
+    at = ints[slots.AT_SCATTER] + ints[slots.SCATTER] * (
+        (w - ints[slots.AT_WATCH]) // ints[slots.WATCH]
+    )
+    keep = c[slots.FORGETTING] ** ints[slots.BLOCK]
+    x[at + slots.POWER] = keep * x[at + slots.POWER] + x[at + slots.UNDER_WAY]
+    x[at + slots.NUMBER] = keep * x[at + slots.NUMBER] + ints[slots.BLOCK]
+    at += slots.HEADER
     for i in range(width):
         x[at + i] = keep * x[at + i] + x[scores + k + i]
     at += width
     for i in range(k):
         x[at + i] += x[scores + i]
     full = 1.0
-    for level in range(LEVELS):
+    for level in range(slots.LEVELS):
         x[at + k] += 1.0
         if x[at + k] < full:
             return
-        full = float(PER_LEVEL)
+        full = float(slots.PER_LEVEL)
         products = at + k + 2
         x[at + k] = 0.0
         x[at + k + 1] = keep * x[at + k + 1] + 1.0
@@ -400,10 +313,10 @@ def scatter(ints: Ints, c: Array, x: Array, w: int) -> None:
                 x[products + s] = keep * x[products + s] + x[at + i] * x[at + j]
                 s += 1
         for i in range(k):
-            if level + 1 < LEVELS:
+            if level + 1 < slots.LEVELS:
                 x[above + i] += x[at + i]
             x[at + i] = 0.0
-        keep = keep**PER_LEVEL
+        keep = keep**slots.PER_LEVEL
         at = above
 
 
@@ -424,22 +337,22 @@ def watch(ints: Ints, c: Array, x: Array, w: int, first: int, v: float, ready: b
     ready : bool
         Whether enough has been learnt for a judgement.
     """
-    k, n, row = ints[DIRECTIONS], ints[COLUMNS], ints[AT_ROW]
+    k, n, row = ints[slots.DIRECTIONS], ints[slots.COLUMNS], ints[slots.AT_ROW]
     if k == 0:
         return
-    g = w + SCORES
+    g = w + slots.SCORES
     scores = g + k
     m = scores + k
-    maps, power = ints[C_MAPS], ints[AT_SCATTER] + UNDER_WAY
-    if w != ints[AT_WATCH]:
-        power += ints[SCATTER] * ((w - ints[AT_WATCH]) // ints[WATCH])
-        maps += ints[DIRECTIONS_STRIDE] * ((w - ints[AT_WATCH]) // ints[WATCH])
+    maps, power = ints[slots.C_MAPS], ints[slots.AT_SCATTER] + slots.UNDER_WAY
+    if w != ints[slots.AT_WATCH]:
+        power += ints[slots.SCATTER] * ((w - ints[slots.AT_WATCH]) // ints[slots.WATCH])
+        maps += ints[slots.DIRECTIONS_STRIDE] * ((w - ints[slots.AT_WATCH]) // ints[slots.WATCH])
     # views: an index that cannot be negative is quicker
     z, gathered = x[row + first : row + n], x[g : g + k]
     for i in range(k):
         value = 0.0
         products = x[m : m + i + 1]
-        if ints[DIRECTIONS_STRIDE] == 0:
+        if ints[slots.DIRECTIONS_STRIDE] == 0:
             value = x[row + n - k + i]
         else:
             one = c[maps + i * n + first : maps + i * n + n]
@@ -451,9 +364,9 @@ def watch(ints: Ints, c: Array, x: Array, w: int, first: int, v: float, ready: b
             products[s] += value * gathered[s]
         m += i + 1
     x[power] += v * v
-    x[w + INSIDE] += 1.0
-    if x[w + INSIDE] >= ints[BLOCK]:
-        x[w + INSIDE] = 0.0
+    x[w + slots.INSIDE] += 1.0
+    if x[w + slots.INSIDE] >= ints[slots.BLOCK]:
+        x[w + slots.INSIDE] = 0.0
         if ready:
             scatter(ints, c, x, w)
         x[power] = 0.0

@@ -17,47 +17,9 @@ from numpy.typing import NDArray
 
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.compiled import compiled
+from tridentify.online.kernels import slots
 from tridentify.online.kernels.absorb import absorb
 from tridentify.online.kernels.intake import count, take_in
-from tridentify.online.kernels.slots import (
-    ALARMED,
-    AT_FACTOR,
-    AT_LINE,
-    AT_ROW,
-    AT_WATCH,
-    AT_WORK,
-    BEGIN,
-    BORN,
-    C_DIRECT,
-    C_EXTRA,
-    C_START,
-    C_STEP,
-    C_TAPS,
-    COLLECTING,
-    COLUMNS,
-    DRIFT,
-    EVENT,
-    FACTOR,
-    FIRST,
-    FLAGS,
-    FREE,
-    IDLE,
-    IDLE_BLOCKS,
-    INBOX,
-    INNOVATION,
-    INPUTS,
-    LINE,
-    MOVED,
-    NOT_EXCITED,
-    NOT_READY,
-    OFFSET,
-    ORDER,
-    OUTPUTS,
-    SINCE,
-    TIME,
-    UPPER,
-    WATCH,
-)
 
 Ints = NDArray[np.int64]
 
@@ -65,13 +27,13 @@ Ints = NDArray[np.int64]
 @compiled("void(int64[::1], float64[::1], float64[::1])", inline=True)
 def advance(ints: Ints, c: Array, x: Array) -> None:
     """The states of the bank at the sample whose input was taken in."""
-    m, q, upper = ints[INPUTS], ints[ORDER], ints[UPPER]
-    f, taps, line = ints[C_STEP], ints[C_TAPS], ints[LINE]
-    row, work = ints[AT_ROW], ints[AT_WORK]
-    since = x[SINCE]
+    m, q, upper = ints[slots.INPUTS], ints[slots.ORDER], ints[slots.UPPER]
+    f, taps, line = ints[slots.C_STEP], ints[slots.C_TAPS], ints[slots.LINE]
+    row, work = ints[slots.AT_ROW], ints[slots.AT_WORK]
+    since = x[slots.SINCE]
     first = 0
-    if ints[FREE]:
-        if since > ints[BEGIN] and x[FIRST] == 0.0:
+    if ints[slots.FREE]:
+        if since > ints[slots.BEGIN] and x[slots.FIRST] == 0.0:
             largest = 0.0
             for i in range(q):
                 total = 0.0
@@ -81,19 +43,19 @@ def advance(ints: Ints, c: Array, x: Array) -> None:
                 largest = max(largest, abs(total))
             for i in range(q):
                 x[row + i] = x[work + i]
-            if largest < c[ints[C_START]]:
-                x[FIRST] = float(q)
+            if largest < c[ints[slots.C_START]]:
+                x[slots.FIRST] = float(q)
                 for i in range(q):
                     x[row + i] = 0.0
-        elif since == ints[BEGIN]:
+        elif since == ints[slots.BEGIN]:
             for i in range(q):
-                x[row + i] = c[ints[C_START] + 1 + i]
+                x[row + i] = c[ints[slots.C_START] + 1 + i]
         first = q
     if since == 0.0:
         return
     for j in range(m):
         own = row + first + j * q
-        late = ints[AT_LINE] + j * line + int(c[ints[C_EXTRA] + j])
+        late = ints[slots.AT_LINE] + j * line + int(c[ints[slots.C_EXTRA] + j])
         g = taps + 3 * j * q
         now, new = x[own : own + q], x[work : work + q]
         arrived, before, earlier = x[late], x[late + 1], x[late + 2]
@@ -110,46 +72,46 @@ def advance(ints: Ints, c: Array, x: Array) -> None:
 @compiled("void(int64[::1], float64[::1], float64[::1])", inline=True)
 def complete_row(ints: Ints, c: Array, x: Array) -> None:
     """The inputs as they arrive, the constant and the time behind the states."""
-    m, q = ints[INPUTS], ints[ORDER]
-    at = ints[AT_ROW] + q * (m + ints[FREE])
+    m, q = ints[slots.INPUTS], ints[slots.ORDER]
+    at = ints[slots.AT_ROW] + q * (m + ints[slots.FREE])
     for j in range(m):
-        late = ints[AT_LINE] + j * ints[LINE] + int(c[ints[C_EXTRA] + j])
-        h = ints[C_DIRECT] + 2 * j
+        late = ints[slots.AT_LINE] + j * ints[slots.LINE] + int(c[ints[slots.C_EXTRA] + j])
+        h = ints[slots.C_DIRECT] + 2 * j
         x[at] = c[h] * x[late] + c[h + 1] * x[late + 1]
         at += 1
-    if ints[OFFSET]:
+    if ints[slots.OFFSET]:
         x[at] = 1.0
         at += 1
-    if ints[DRIFT]:
-        x[at] = x[TIME] - x[BORN]
+    if ints[slots.DRIFT]:
+        x[at] = x[slots.TIME] - x[slots.BORN]
 
 
 @compiled("float64(int64[::1], float64[::1], float64[::1], float64)", value=True)
 def parallel_step(ints: Ints, c: Array, x: Array, interval: float) -> float:
     """One sample, which stands in the inbox; gives the innovation of the first output."""
     take_in(ints, c, x, interval)
-    if ints[COLLECTING]:
-        x[FLAGS] = float(int(x[FLAGS]) | NOT_READY)
-        for i in range(ints[OUTPUTS]):
-            x[ints[AT_WATCH] + i * ints[WATCH] + INNOVATION] = np.nan
+    if ints[slots.COLLECTING]:
+        x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.NOT_READY)
+        for i in range(ints[slots.OUTPUTS]):
+            x[ints[slots.AT_WATCH] + i * ints[slots.WATCH] + slots.INNOVATION] = np.nan
         count(ints, x)
         return np.nan
     advance(ints, c, x)
     complete_row(ints, c, x)
-    n, first = ints[COLUMNS], int(x[FIRST])
-    late = ints[FREE] and x[SINCE] < ints[BEGIN]
-    for i in range(ints[OUTPUTS]):
-        w = ints[AT_WATCH] + i * ints[WATCH]
+    n, first = ints[slots.COLUMNS], int(x[slots.FIRST])
+    late = ints[slots.FREE] and x[slots.SINCE] < ints[slots.BEGIN]
+    for i in range(ints[slots.OUTPUTS]):
+        w = ints[slots.AT_WATCH] + i * ints[slots.WATCH]
         if late:
-            x[w + INNOVATION] = np.nan
+            x[w + slots.INNOVATION] = np.nan
             continue
         absorb(
-            ints, c, x, w, ints[AT_FACTOR] + i * ints[FACTOR], n, first,
-            x[INBOX + ints[INPUTS] + i],
+            ints, c, x, w, ints[slots.AT_FACTOR] + i * ints[slots.FACTOR], n, first,
+            x[slots.INBOX + ints[slots.INPUTS] + i],
         )  # fmt: skip
-        if x[w + IDLE] >= IDLE_BLOCKS:
-            x[FLAGS] = float(int(x[FLAGS]) | NOT_EXCITED)
-        if x[w + MOVED] > 0.0:
-            x[EVENT] = float(int(x[EVENT]) | ALARMED)
+        if x[w + slots.IDLE] >= slots.IDLE_BLOCKS:
+            x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.NOT_EXCITED)
+        if x[w + slots.MOVED] > 0.0:
+            x[slots.EVENT] = float(int(x[slots.EVENT]) | slots.ALARMED)
     count(ints, x)
-    return float(x[ints[AT_WATCH] + INNOVATION])
+    return float(x[ints[slots.AT_WATCH] + slots.INNOVATION])

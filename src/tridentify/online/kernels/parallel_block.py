@@ -7,28 +7,10 @@ from numpy.typing import NDArray
 
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.compiled import compiled
+from tridentify.online.kernels import slots
 from tridentify.online.kernels.blocks import SHORTEST, absorb_block, count_block, quiet
 from tridentify.online.kernels.filters import direct_terms, line_up, run_inputs
 from tridentify.online.kernels.signatures import MANY
-from tridentify.online.kernels.slots import (
-    AT_ROW,
-    BORN,
-    COLUMNS,
-    COUNT,
-    DIRECTIONS,
-    DRIFT,
-    EXPONENTIAL,
-    EXTRA,
-    FIRST,
-    FORGETTING,
-    FREE,
-    INPUTS,
-    INTERVAL,
-    KIND,
-    OFFSET,
-    ORDER,
-    OUTPUTS,
-)
 from tridentify.online.kernels.workspace import ERRORS
 
 Ints = NDArray[np.int64]
@@ -50,10 +32,10 @@ def fill_rows(
     zeros: Array,
 ) -> None:
     """Rows of a block of samples, once the response to the impulse has died away."""
-    m, q = ints[INPUTS], ints[ORDER]
-    first = q * ints[FREE]
+    m, q = ints[slots.INPUTS], ints[slots.ORDER]
+    first = q * ints[slots.FREE]
     for r in range(m * q):
-        room[r, 0] = x[ints[AT_ROW] + first + r]
+        room[r, 0] = x[ints[slots.AT_ROW] + first + r]
     run_inputs(ints, c, x, room, 0, count, lines, zeros)
     for r in range(m * q):
         states, column = room[r], room[columns + first + r]
@@ -63,13 +45,13 @@ def fill_rows(
     for j in range(m):
         direct_terms(ints, c, room, at, j, count, lines)
         at += 1
-    if ints[OFFSET]:
+    if ints[slots.OFFSET]:
         for k in range(count):
             room[at, k] = 1.0
         at += 1
-    if ints[DRIFT]:
+    if ints[slots.DRIFT]:
         for k in range(count):
-            room[at, k] = (x[COUNT] + k) * c[INTERVAL] + x[EXTRA] - x[BORN]
+            room[at, k] = (x[slots.COUNT] + k) * c[slots.INTERVAL] + x[slots.EXTRA] - x[slots.BORN]
 
 
 @compiled(MANY, wide=True, value=True)
@@ -89,15 +71,15 @@ def parallel_block(
     kept: Array,
 ) -> int:
     """As many samples as may be taken together, but ``most``; gives their number."""
-    if c[FORGETTING] < 1.0 and ints[KIND] != EXPONENTIAL:
+    if c[slots.FORGETTING] < 1.0 and ints[slots.KIND] != slots.EXPONENTIAL:
         return 0
     count = quiet(ints, x, u, y, start, most)
-    q, m, p, n = ints[ORDER], ints[INPUTS], ints[OUTPUTS], ints[COLUMNS]
+    q, m, p, n = ints[slots.ORDER], ints[slots.INPUTS], ints[slots.OUTPUTS], ints[slots.COLUMNS]
     columns = q * m
     work = columns + n + 1
     directions = work + n + 1
-    own = directions + ints[DIRECTIONS]
-    first = int(x[FIRST])
+    own = directions + ints[slots.DIRECTIONS]
+    first = int(x[slots.FIRST])
     kept[:] = x
     while count >= SHORTEST:
         line_up(ints, x, u, start, count, lines)
@@ -114,7 +96,7 @@ def parallel_block(
                 innovations[start + k, i] = errors[k]
         if taken == count:
             for r in range(m * q):
-                x[ints[AT_ROW] + q * ints[FREE] + r] = room[r, count]
+                x[ints[slots.AT_ROW] + q * ints[slots.FREE] + r] = room[r, count]
             count_block(ints, c, x, u, y, start, count, lines, flags)
             return count
         x[:] = kept

@@ -14,17 +14,8 @@ from numpy.typing import NDArray
 
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.compiled import compiled
+from tridentify.online.kernels import slots
 from tridentify.online.kernels.signatures import INTS, MANY, ONE, ROOM, TABLE, WHICH
-from tridentify.online.kernels.slots import (
-    AT_WATCH,
-    EVENT,
-    FLAGS,
-    INBOX,
-    INNOVATION,
-    INPUTS,
-    OUTPUTS,
-    WATCH,
-)
 
 Ints = NDArray[np.int64]
 Step = Callable[[Ints, Array, Array, float], float]
@@ -78,19 +69,19 @@ def run_samples(
 
     The last one is a single step, so that scratch numbers in ``x`` are as after single steps too.
     """
-    m, p = ints[INPUTS], ints[OUTPUTS]
+    m, p = ints[slots.INPUTS], ints[slots.OUTPUTS]
     k = start
     while k < stop:
         k += block(ints, c, x, u, y, k, stop - 1 - k, innovations, flags, room, lines, zeros, kept)
         for j in range(m):
-            x[INBOX + j] = u[k, j]
+            x[slots.INBOX + j] = u[k, j]
         for i in range(p):
-            x[INBOX + m + i] = y[k, i]
+            x[slots.INBOX + m + i] = y[k, i]
         step(ints, c, x, c[0])
         for i in range(p):
-            innovations[k, i] = x[ints[AT_WATCH] + i * ints[WATCH] + INNOVATION]
-        flags[k] = int(x[FLAGS])
+            innovations[k, i] = x[ints[slots.AT_WATCH] + i * ints[slots.WATCH] + slots.INNOVATION]
+        flags[k] = int(x[slots.FLAGS])
         k += 1
-        if x[EVENT] != 0.0:
+        if x[slots.EVENT] != 0.0:
             break
     return k

@@ -24,14 +24,6 @@ from typing import Literal, cast
 
 import numpy as np
 
-from tridentify.checks.names import did_you_mean, file_units
-from tridentify.checks.samples import (
-    TIME_TOLERANCE,
-    Intersample,
-    sample_range,
-    time_axis,
-    uniform_step,
-)
 from tridentify.errors import (
     ChannelNameError,
     DuplicateColumnError,
@@ -47,6 +39,9 @@ from tridentify.errors import (
     shown,
 )
 from tridentify.numerics.arrays import Array
+from tridentify.record.checks.names import did_you_mean, file_units
+from tridentify.record.checks.samples import Intersample
+from tridentify.record.checks.times import TIME_TOLERANCE, sample_range, time_axis, uniform_step
 from tridentify.record.formats.channels import SECONDS, Channel, OpenFile
 from tridentify.record.formats.rounded_time import raster_behind
 from tridentify.record.formats.time_names import epoch_unit, named_time, unit_in_name

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from tridentify.checks.names import split_unit
 from tridentify.numerics.arrays import Array
+from tridentify.record.checks.names import split_unit
 from tridentify.record.formats.time_names import unit_of_clock
 
 __all__ = ["Channel", "OpenFile", "header_channel"]

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from tridentify.checks.samples import Intersample, uniform_step
 from tridentify.errors import (
     DuplicateColumnError,
     EmptyFileError,
@@ -24,6 +23,8 @@ from tridentify.errors import (
     shown,
 )
 from tridentify.numerics.arrays import Array
+from tridentify.record.checks.samples import Intersample
+from tridentify.record.checks.times import uniform_step
 from tridentify.record.formats.assemble import Wanted, record_from, time_channels
 from tridentify.record.formats.channels import Channel, header_channel
 from tridentify.record.formats.dates import Instants, read_moment

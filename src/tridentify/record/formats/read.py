@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from tridentify.checks.samples import Intersample
 from tridentify.errors import OptionError, UnreadableFileError, shown
+from tridentify.record.checks.samples import Intersample
 from tridentify.record.formats.assemble import Instants, Wanted, record_from
 from tridentify.record.formats.channels import Channel, OpenFile
 from tridentify.record.formats.contents import Contents, as_file, called
@@ -20,7 +20,7 @@ from tridentify.record.formats.csv import TextFile
 from tridentify.record.formats.isolated import open_here
 from tridentify.record.formats.isolation import IsolatedFile
 from tridentify.record.formats.requirements import require
-from tridentify.record.formats.text_table import check_readable
+from tridentify.record.formats.text_opening import check_readable
 from tridentify.record.record import Record
 from tridentify.writing.layout import printable
 

@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tridentify.checks.samples import uniform_step
 from tridentify.numerics.arrays import Array
+from tridentify.record.checks.times import uniform_step
 
 FEWEST = 20
 """Stamps from which a raster through all of them is no chance."""

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tridentify.checks.samples import check_increasing, uniform_step
 from tridentify.errors import OptionError, SamplingError
 from tridentify.numerics.arrays import Array
+from tridentify.record.checks.times import check_increasing, uniform_step
 from tridentify.record.formats.assemble import time_channels
 from tridentify.record.formats.channels import SECONDS, Channel, OpenFile
 from tridentify.record.formats.contents import Contents

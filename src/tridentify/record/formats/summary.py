@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tridentify.checks.samples import uniform_step
 from tridentify.errors import DataError
 from tridentify.numerics.arrays import Array
+from tridentify.record.checks.times import uniform_step
 from tridentify.record.formats.assemble import time_channels
 from tridentify.record.formats.channels import SECONDS, Channel, OpenFile
 from tridentify.record.formats.roles import guess_roles

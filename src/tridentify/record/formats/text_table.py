@@ -40,8 +40,8 @@ from tridentify.errors import (
     shown,
 )
 from tridentify.numerics.arrays import Array
+from tridentify.record.formats import text_opening
 from tridentify.record.formats.cells import (
-    SEPARATORS,
     Numbers,
     all_numbers,
     has_decimal_comma,
@@ -52,27 +52,25 @@ from tridentify.record.formats.cells import (
 )
 from tridentify.record.formats.dates import Instants, read_moment
 from tridentify.record.formats.isolation import check_size
-from tridentify.record.formats.title_lines import LOOKED_AT, best_separator, header_place
-
-COMMENTS = ("#", "%")
-
-_CONTROLS = re.compile(rb"[\x00-\x08\x0e-\x1f\x7f-\x9f]")
-_EXCEL = re.compile(r"sep=.")
-_CHUNK = 1 << 20
-
-LONGEST_ROW = 1 << 24
-"""Characters in a row (or a line) beyond which the file is no table: a million columns of 16."""
+from tridentify.record.formats.text_opening import (
+    CHUNK,
+    COMMENTS,
+    LATER_BYTES,
+    as_latin_1,
+    check_readable,
+    check_row,
+    encoding_of,
+    not_text,
+    read_opening,
+)
+from tridentify.record.formats.title_lines import LOOKED_AT
 
 MOST_TEXT_COLUMNS = 1_000_000
 """Columns beyond which a header is taken for damage: their names alone would take a gigabyte."""
 
-_LONGEST_TITLE = 1 << 16
-"""Characters in a line behind which no header is looked for."""
 
 _LOOK = 1 << 16
 """Rows between two looks at how much memory they take."""
-
-_LATER_BYTES = "tridentify.latin-1"
 
 
 @dataclass(frozen=True)
@@ -137,8 +135,8 @@ def open_table(path: str | os.PathLike[str]) -> TextTable:
     """
     file = Path(path)
     check_readable(file)
-    encoding = _encoding(file)
-    opening = _opening(file, encoding)
+    encoding = encoding_of(file)
+    opening = read_opening(file, encoding)
     rows = _rows(file, encoding, opening.separator, opening.first_line)
     header = next(((cells, n) for cells, n in rows if any(cell.strip() for cell in cells)), None)
     if header is None:
@@ -242,117 +240,11 @@ def read_columns(table: TextTable, columns: Sequence[int]) -> tuple[list[Array],
     return values, lines
 
 
-def check_readable(file: Path) -> bytes:
-    """Give the first bytes of a file, or say why it cannot be read.
-
-    Raises
-    ------
-    UnreadableFileError
-        The file is missing, no regular file, or not permitted.
-    """
-    start = b""
-    try:
-        if file.is_dir():
-            problem = "a directory"
-        elif not file.exists():
-            problem = "no such file"
-        elif not file.is_file():
-            problem = "no regular file"
-        else:
-            problem = ""
-            with file.open("rb") as stream:
-                start = stream.read(256)
-    except (OSError, ValueError) as error:
-        problem = getattr(error, "strerror", None) or str(error)
-    if problem:
-        raise UnreadableFileError(
-            f"found {problem} at {shown(str(file), 200)}; expected a file that can be read; check "
-            "the path and the permission"
-        )
-    return start
-
-
 class _DecimalCommaFound(Exception):
     """A cell has a decimal comma where a decimal point was looked for."""
 
 
-def _not_text(file: Path, reason: str) -> UnreadableFileError:
-    return UnreadableFileError(
-        f"found {reason} in {shown(file.name)}; expected CSV text in UTF-8; save the file as CSV "
-        "in UTF-8"
-    )
-
-
-def _encoding(file: Path) -> str:
-    """Tell the encoding by the first MiB: by its mark, as UTF-8, else Latin-1 if it may be text."""
-    try:
-        with file.open("rb") as stream:
-            piece = stream.read(_CHUNK)
-    except OSError as error:
-        raise _not_text(file, f"a read error ({error.strerror})") from error
-    if piece[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        return "utf-16"
-    try:
-        # a character may be cut at the end of the piece
-        codecs.getincrementaldecoder("utf-8")().decode(piece, final=len(piece) < _CHUNK)
-    except UnicodeDecodeError:
-        if found := _CONTROLS.search(piece):
-            raise _not_text(file, f"binary content or another encoding ({found[0]!r})") from None
-        return "latin-1"
-    return "utf-8-sig"
-
-
-def _as_latin_1(error: UnicodeError) -> tuple[str, int]:
-    """Decode what is no UTF-8 behind the piece that told the encoding."""
-    if not isinstance(error, UnicodeDecodeError) or not error.encoding.startswith("utf-8"):
-        raise error
-    return error.object[error.start : error.end].decode("latin-1"), error.end
-
-
-codecs.register_error(_LATER_BYTES, _as_latin_1)
-
-
-@dataclass(frozen=True)
-class _Opening:
-    """How a file begins: its separator, the line of its header, the comment and titles above."""
-
-    separator: str
-    first_line: int
-    comment: str
-    titles: tuple[str, ...] = ()
-
-
-def _opening(file: Path, encoding: str) -> _Opening:
-    comment, number = "", 0
-    found: list[tuple[str, int]] = []
-    try:
-        with file.open(encoding=encoding, errors=_LATER_BYTES, newline=None) as stream:
-            for number in range(1, 10_000):
-                line = stream.readline(LONGEST_ROW)
-                _check_row(file, len(line), number)
-                text = line.strip()
-                if not line:
-                    break
-                if not text or text.startswith(COMMENTS) or _EXCEL.fullmatch(text):
-                    above = text.startswith(COMMENTS) and not found
-                    comment = text.lstrip("#% ") if above else comment
-                    continue
-                found.append((line.rstrip("\r\n"), number))
-                if len(line) > _LONGEST_TITLE or len(found) == LOOKED_AT:
-                    break
-    except UnreadableFileError:
-        raise
-    except UnicodeError as error:
-        raise _not_text(file, "binary content or another encoding") from error
-    except OSError as error:
-        raise _not_text(file, f"a read error ({error.strerror})") from error
-    lines = [line for line, _ in found]
-    place = header_place(lines)
-    if not found:
-        return _Opening(",", number, comment)
-    # a workbook fills a title up to the width of the table
-    titles = tuple(line.strip().strip(SEPARATORS) for line in lines[:place])
-    return _Opening(best_separator(lines[place]), found[place][1], comment, titles)
+codecs.register_error(LATER_BYTES, as_latin_1)
 
 
 def _rows(
@@ -364,41 +256,31 @@ def _rows(
     def lines(stream: TextIO) -> Iterator[str]:
         nonlocal length
         number = 0
-        while line := stream.readline(LONGEST_ROW):
+        while line := stream.readline(text_opening.LONGEST_ROW):
             number += 1
             length += len(line)
-            _check_row(file, length, number)
+            check_row(file, length, number)
             if len(line) > MOST_TEXT_COLUMNS and line.count(separator) >= MOST_TEXT_COLUMNS:
-                raise _not_text(file, f"more than {MOST_TEXT_COLUMNS:,} columns in line {number}")
+                raise not_text(file, f"more than {MOST_TEXT_COLUMNS:,} columns in line {number}")
             yield "\n" if number < first_line else line
 
     try:
-        with file.open(encoding=encoding, errors=_LATER_BYTES, newline="") as stream:
+        with file.open(encoding=encoding, errors=LATER_BYTES, newline="") as stream:
             reader = csv.reader(lines(stream), delimiter=separator)
             for cells in reader:
                 length = 0
                 if any("\0" in cell for cell in cells):
-                    raise _not_text(file, f"binary content at line {reader.line_num}")
+                    raise not_text(file, f"binary content at line {reader.line_num}")
                 if not (cells and cells[0].lstrip().startswith(COMMENTS)):
                     yield cells, reader.line_num
     except UnreadableFileError:
         raise
     except UnicodeError as error:
-        raise _not_text(file, "binary content or another encoding") from error
+        raise not_text(file, "binary content or another encoding") from error
     except csv.Error as error:
-        raise _not_text(file, f"binary or damaged content ({error})") from error
+        raise not_text(file, f"binary or damaged content ({error})") from error
     except OSError as error:
-        raise _not_text(file, f"a read error ({error.strerror})") from error
-
-
-def _check_row(file: Path, length: int, line: int) -> None:
-    """Refuse what goes on without an end, before it fills the memory."""
-    if length >= LONGEST_ROW:
-        raise UnreadableFileError(
-            f"found a row of more than {LONGEST_ROW:,} characters at line {line} of "
-            f"{shown(file.name)}; expected shorter ones; split the table, or repair the quotes or "
-            "line ends that are missing"
-        )
+        raise not_text(file, f"a read error ({error.strerror})") from error
 
 
 def _count_clean_rows(table: TextTable) -> int | None:
@@ -408,7 +290,7 @@ def _count_clean_rows(table: TextTable) -> int | None:
     with table.path.open("rb") as stream:
         for _ in range(table.header_lines):
             stream.readline()
-        while chunk := stream.read(_CHUNK):
+        while chunk := stream.read(CHUNK):
             # a quote that is never closed makes polars panic; a comment is no row
             if any(mark in chunk for mark in (b'"', b"\0", b"#", b"%")):
                 return None

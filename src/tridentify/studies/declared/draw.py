@@ -15,9 +15,9 @@ import numpy as np
 import scipy.linalg
 
 from tridentify.errors import IdentifiabilityError, OptionError
+from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
-from tridentify.simulate import simulate
 from tridentify.studies.cramer_rao import information_factor, output_sensitivities
 from tridentify.studies.declared.methods import attempt
 from tridentify.studies.declared.nouns import DeclaredMethod, DeclaredNoise, StudyCell

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from tridentify.errors import TridentifyError, shown
+from tridentify.fleet.workers.children import WORKERS
+from tridentify.fleet.workers.dispatch import Batches, Lost, dispatch
+from tridentify.fleet.workers.engines import engine
+from tridentify.fleet.workers.job import CRASHED, OVER_TIME, Limits, Outcome
 from tridentify.studies.declared.draw import Row, draw_row, no_answer
 from tridentify.studies.declared.nouns import DeclaredMethod, StudyCell
-from tridentify.workers.children import WORKERS
-from tridentify.workers.dispatch import Batches, Lost, dispatch
-from tridentify.workers.engines import engine
-from tridentify.workers.job import CRASHED, OVER_TIME, Limits, Outcome
 
 __all__ = ["Draw", "rows_of"]
 

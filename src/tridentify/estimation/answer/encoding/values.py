@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from tridentify.checks.orders import HIGHEST_ORDER
 from tridentify.errors import TridentifyError, shown
 from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.answer.loop_taken import LoopTaken
 from tridentify.estimation.answer.parameter import Nuisance, Parameter
 from tridentify.estimation.answer.trace import Pass, Start, Status, Step, Trace
 from tridentify.numerics.arrays import Array
+from tridentify.record.checks.orders import HIGHEST_ORDER
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 

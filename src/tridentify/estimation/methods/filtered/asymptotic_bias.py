@@ -46,10 +46,10 @@ from tridentify.estimation.methods.filtered.state_variable_filters import (
     filter_cascade,
     with_filtered,
 )
+from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.least_squares import solve
 from tridentify.record.record import Record
-from tridentify.simulate import simulate
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 

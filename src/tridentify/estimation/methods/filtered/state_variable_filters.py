@@ -50,7 +50,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.checks.scales import LARGEST_COEFFICIENT, check_filter
 from tridentify.errors import (
     OptionError,
     ScaleError,
@@ -78,6 +77,7 @@ from tridentify.numerics.realization import (
     roots_of,
     sort_poles,
 )
+from tridentify.record.checks.scales import LARGEST_COEFFICIENT, check_filter
 from tridentify.record.record import Record
 
 TINY = 1e-300

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tridentify.checks.names import file_units
 from tridentify.errors import (
     ChannelNameError,
     DuplicateColumnError,
@@ -16,6 +15,7 @@ from tridentify.errors import (
     shown,
 )
 from tridentify.numerics.arrays import Array
+from tridentify.record.checks.names import file_units
 from tridentify.record.formats.assemble import find_channel
 from tridentify.record.formats.channels import SECONDS, Channel, OpenFile, header_channel
 from tridentify.record.formats.text_table import repeated_name

@@ -17,7 +17,7 @@ import json
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, fields
 from itertools import chain
 from operator import itemgetter
 from typing import Any
@@ -25,7 +25,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.checks.values import (
+from tridentify.errors import DataError, MissingHeaderError, UnitError, UnreadableFileError, shown
+from tridentify.numerics.arrays import Array
+from tridentify.record.checks.values import (
     check_keys,
     checked,
     finite_number,
@@ -33,8 +35,6 @@ from tridentify.checks.values import (
     texts,
     whole_number,
 )
-from tridentify.errors import DataError, MissingHeaderError, UnitError, UnreadableFileError, shown
-from tridentify.numerics.arrays import Array
 from tridentify.record.formats.cells import SEPARATORS, all_numbers, read_number, unit_cells
 from tridentify.record.formats.channels import SECONDS
 from tridentify.record.formats.streams.blocks import (
@@ -45,52 +45,24 @@ from tridentify.record.formats.streams.blocks import (
 )
 from tridentify.record.formats.streams.header import Asked, HeaderColumns, find_columns
 from tridentify.record.formats.streams.lines import LONGEST_LINE, WholeLines
-from tridentify.record.formats.text_table import COMMENTS
+from tridentify.record.formats.streams.read_rows import (
+    AROUND,
+    BadLine,
+    BadLineError,
+    Rows,
+    decoded,
+)
+from tridentify.record.formats.text_opening import COMMENTS
 from tridentify.record.formats.title_lines import best_separator
 
-__all__ = ["BadLine", "RowReader", "Rows"]
+__all__ = ["RowReader"]
 
 
 _FEW = 16
 _PARTS = ("lines", "form", "separator", "names", "header_units", "columns")
-_AROUND = " \r\n\v\f"  # a tab may stand beside a blank cell
 _BOM = b"\xef\xbb\xbf"
 _EXCEL = re.compile(r"sep=.")
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
-
-
-@dataclass(frozen=True)
-class BadLine:
-    """A line that gives no row: its number, from 1, and what was found and expected."""
-
-    line: int
-    text: str
-
-
-@dataclass(frozen=True)
-class Rows:
-    """Rows of consecutive lines.
-
-    Attributes
-    ----------
-    values : ndarray, shape (n_rows, n_columns)
-        Time if there is a column of it, inputs, outputs; nan where nothing stands.
-    lines : ndarray of int, shape (n_rows,)
-        Number of the line of each row.
-    stops : ndarray of int, shape (n_rows,)
-        Position in the source behind the line of each row.
-    problems : list of BadLine
-        Lines that give no row (or, for a known step, one of nan), in their order.
-    """
-
-    values: Array
-    lines: NDArray[np.int64]
-    stops: NDArray[np.int64]
-    problems: list[BadLine]
-
-
-class _BadLineError(Exception):
-    """A line gives no row."""
 
 
 class RowReader:
@@ -279,7 +251,7 @@ class RowReader:
         self._separator = best_separator(text)
         try:
             cells = [cell.strip() for cell in self._cells(text)]
-        except _BadLineError as error:
+        except BadLineError as error:
             raise MissingHeaderError(
                 f"found damaged quotes ({shown(text)}) in the first line of {self.asked.name}; "
                 "expected the names of the columns; correct the header"
@@ -305,7 +277,7 @@ class RowReader:
     def _read_units(self, text: str) -> bool:
         try:
             cells = self._cells(text)
-        except _BadLineError:
+        except BadLineError:
             # no units; as a row it is counted among the bad ones
             cells = []
         units = unit_cells(cells, len(self._names))
@@ -338,9 +310,9 @@ class RowReader:
                 "lines of CSV or JSON; check the source"
             )
         try:
-            return line.decode("utf-8").strip(_AROUND)
+            return line.decode("utf-8").strip(AROUND)
         except UnicodeDecodeError:
-            return line.decode("latin-1").strip(_AROUND)
+            return line.decode("latin-1").strip(AROUND)
 
     def _body(self, text: bytes, ends: NDArray[np.int64], offset: int) -> Array:
         """Read lines; `offset` is the number of the first one in what is read now."""
@@ -400,12 +372,12 @@ class RowReader:
         for k, end in enumerate(ends.tolist()):
             self._line = self._first + offset + k
             try:
-                row = read(_decoded(text[begin:end]))
+                row = read(decoded(text[begin:end]))
                 if row is None:
                     self._skipped.add(offset + k)
                 else:
                     values[k] = row
-            except _BadLineError as error:
+            except BadLineError as error:
                 self._problems[offset + k] = str(error)
             begin = end
         return values
@@ -420,7 +392,7 @@ class RowReader:
         if self._is_header(cells):
             return None
         if len(cells) < width or any(cell.strip() for cell in cells[width:]):
-            raise _BadLineError(f"found {len(cells)} cells; expected {width}")
+            raise BadLineError(f"found {len(cells)} cells; expected {width}")
         return self._checked([self._cell(cells[place]) for place in columns.places], cells)
 
     def _cell(self, cell: str) -> float | str:
@@ -436,16 +408,16 @@ class RowReader:
                 where = f"found {shown(value)} in column {shown(name)}"
                 comma = self.asked.decimal == "." and _DECIMAL_COMMA.fullmatch(value)
                 hint = ' with a decimal point, or --decimal ","' if comma else ""
-                raise _BadLineError(f"{where}; expected a number{hint}")
+                raise BadLineError(f"{where}; expected a number{hint}")
             if math.isinf(value):
-                raise _BadLineError(
+                raise BadLineError(
                     f"found {value} in column {shown(name)}; expected a finite number"
                 )
             row.append(value)
         if not self.asked.uniform:
             row[0] *= columns.scale
             if not math.isfinite(row[0]):
-                raise _BadLineError(
+                raise BadLineError(
                     f"found no time in column {shown(columns.headers[0])}; expected a number"
                 )
         return row
@@ -472,7 +444,7 @@ class RowReader:
         try:
             return next(csv.reader([text], delimiter=self._separator))
         except csv.Error as error:
-            raise _BadLineError(f"found damaged quotes ({error}); expected numbers") from error
+            raise BadLineError(f"found damaged quotes ({error}); expected numbers") from error
 
     # --------------------------------------------------------------------------------------- JSON
     def _quick_json(self, text: bytes, ends: NDArray[np.int64]) -> Array | None:
@@ -499,24 +471,24 @@ class RowReader:
         try:
             found = _DECODE(text)
         except json.JSONDecodeError as error:
-            raise _BadLineError(
+            raise BadLineError(
                 f"found broken JSON ({error.msg} at character {error.pos + 1}); expected an object"
             ) from error
         except (ValueError, RecursionError) as error:
-            raise _BadLineError("found no usable JSON; expected a flat object") from error
+            raise BadLineError("found no usable JSON; expected a flat object") from error
         if not isinstance(found, dict):
-            raise _BadLineError(f"found {shown(found)}; expected a JSON object")
+            raise BadLineError(f"found {shown(found)}; expected a JSON object")
         if self._columns is None:
             try:
                 self._find(tuple(found))
             except DataError as error:
-                raise _BadLineError(str(error)) from error
+                raise BadLineError(str(error)) from error
         columns = self._columns
         assert columns is not None
         try:
             return self._checked([plain_number(found[name]) for name in columns.headers])
         except KeyError as error:
-            raise _BadLineError(
+            raise BadLineError(
                 f"found no {shown(error.args[0])} in the object; expected it, or null where a "
                 "sample is missing"
             ) from error
@@ -525,12 +497,3 @@ class RowReader:
 _DECODE = json.JSONDecoder().decode
 _SCAN = json.JSONDecoder().raw_decode
 _NUMBERS = {float, int, type(None)}
-
-
-def _decoded(line: bytes) -> str:
-    try:
-        return line.decode("utf-8").removeprefix("\ufeff").strip(_AROUND)
-    except UnicodeDecodeError as error:
-        raise _BadLineError(
-            f"found the byte 0x{line[error.start]:02x}, which is no UTF-8; expected text"
-        ) from error

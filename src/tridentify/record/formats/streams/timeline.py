@@ -26,9 +26,9 @@ from typing import Any
 
 import numpy as np
 
-from tridentify.checks.samples import TIME_TOLERANCE, uniform_step
-from tridentify.checks.values import check_keys, checked, finite_number, whole_number
 from tridentify.numerics.arrays import Array
+from tridentify.record.checks.times import TIME_TOLERANCE, uniform_step
+from tridentify.record.checks.values import check_keys, checked, finite_number, whole_number
 
 __all__ = ["OPENING", "SET_BACK", "Timeline", "nominal_step"]
 

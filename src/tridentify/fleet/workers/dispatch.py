@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 from tridentify.errors import TridentifyError
-from tridentify.workers.engines import Engine
+from tridentify.fleet.workers.engines import Engine
 
 __all__ = ["Batches", "Lost", "dispatch"]
 

@@ -22,9 +22,9 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from tridentify.errors import TridentifyError, shown
+from tridentify.fleet.workers.job import CRASHED, OVER_TIME, Item, Job, Limits, Outcome
 from tridentify.numerics.threads import THREADS
 from tridentify.record.formats.isolation import ENVIRONMENT
-from tridentify.workers.job import CRASHED, OVER_TIME, Item, Job, Limits, Outcome
 
 __all__ = ["ONE_THREAD", "Keeper"]
 
@@ -34,7 +34,7 @@ sums over several threads round differently."""
 
 BOOT = (
     "import pickle, sys; sys.path[:] = pickle.load(sys.stdin.buffer); "
-    "from tridentify.workers.child import serve; serve()"
+    "from tridentify.fleet.workers.child import serve; serve()"
 )
 
 STARTING = 300.0

@@ -21,9 +21,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from tridentify.fleet.workers.job import Item, Job, Limits
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.record.formats.isolated import limit_memory, silenced
-from tridentify.workers.job import Item, Job, Limits
 
 __all__ = ["serve"]
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tridentify.errors import MissingDependencyError, OptionError, TridentifyError, shown
-from tridentify.workers.children import WORKERS
+from tridentify.fleet.workers.children import WORKERS
 
 __all__ = ["Engine", "engine"]
 

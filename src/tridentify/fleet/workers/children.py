@@ -11,8 +11,8 @@ import contextlib
 import threading
 from collections.abc import Iterator
 
-from tridentify.workers.job import Limits
-from tridentify.workers.keeper import Keeper
+from tridentify.fleet.workers.job import Limits
+from tridentify.fleet.workers.keeper import Keeper
 
 __all__ = ["WORKERS", "Workers"]
 

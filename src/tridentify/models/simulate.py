@@ -10,7 +10,6 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg
 
-from tridentify.checks.samples import typical_step
 from tridentify.errors import (
     ChannelCountError,
     SampleTypeError,
@@ -22,6 +21,7 @@ from tridentify.numerics.arrays import Array
 from tridentify.numerics.realization import cascade, monomials, sort_poles
 from tridentify.numerics.recent import recent
 from tridentify.numerics.sampled import Sampled, States
+from tridentify.record.checks.times import typical_step
 from tridentify.record.record import Record
 from tridentify.transfer_function import TransferFunction
 

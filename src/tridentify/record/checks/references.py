@@ -7,7 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tridentify.checks.samples import (
+from tridentify.errors import ChannelNameError, LengthMismatchError, OptionError, shown
+from tridentify.numerics.arrays import Array
+from tridentify.record.checks.samples import (
     Behaviour,
     Intersample,
     check_band_limited,
@@ -17,8 +19,6 @@ from tridentify.checks.samples import (
     looks_measured,
     sample_array,
 )
-from tridentify.errors import ChannelNameError, LengthMismatchError, OptionError, shown
-from tridentify.numerics.arrays import Array
 
 __all__ = ["check_shared", "reference_array", "reference_between", "settled_reference"]
 

@@ -11,7 +11,6 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from tridentify.checks.scales import LARGEST_KNOWN, check_known
 from tridentify.errors import (
     BoundsError,
     ChannelCountError,
@@ -23,6 +22,7 @@ from tridentify.errors import (
     StructureError,
     shown,
 )
+from tridentify.record.checks.scales import LARGEST_KNOWN, check_known
 
 Bounds = tuple[float | None, float | None]
 Equality = tuple[Mapping[str, float], float]
