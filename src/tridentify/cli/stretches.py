@@ -18,7 +18,7 @@ _STRETCH = re.compile(rf"\s*({NUMBER})?\s*:\s*({NUMBER})?\s*")
 
 
 class Stretch(NamedTuple):
-    """From one time to another [s, on the clock of the file]; both ends belong to it (see `pieces`)."""
+    """From one time to another [s, on the clock of the file]; both ends belong to it."""
 
     start: float
     stop: float
