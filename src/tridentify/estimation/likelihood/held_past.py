@@ -53,6 +53,8 @@ def _held(u: Array, since: Array, end: float) -> float:
     """
     changes = since[1:][np.diff(u) != 0.0]
     begun = float(changes[0])
+    if begun == since[1]:
+        return 0.0  # one sample is no rest
     rests = np.diff(np.append(changes, end))
     as_long = rests[rests >= begun]
     return float(as_long.min()) - begun if as_long.size else begun
