@@ -294,3 +294,31 @@ def test_friction_of_a_motor_is_named_where_its_speed_is_recorded(seed):
     assert found.code == "nonlinear"
     assert "dry friction against y" in found.message
     assert "larger amplitudes" in found.remedy
+
+
+def battery(noise, seed):
+    """Resistance, one time constant and the slope of the voltage at rest; pulses of current."""
+    rng = np.random.default_rng(seed)
+    n, k = 1500, 60
+    current = np.zeros(n)
+    while k < n - 200:
+        length = int(rng.integers(20, 150))
+        current[k : k + length] = rng.choice([10.0, 20.0, 40.0, -20.0])
+        k += length + int(rng.integers(30, 150))
+    plant = TransferFunction([-0.02, -0.0009, -2e-6 / 40.0], [1.0, 1.0 / 40.0, 0.0])
+    y = simulate(plant, Record(current, current, dt=1.0))[:, 0] + 3.9
+    seen = current + noise * rng.standard_normal(n)
+    return Record(seen, np.round(y + 0.0008 * rng.standard_normal(n), 3), dt=1.0)
+
+
+@pytest.mark.parametrize("fixed", [{}, {"a0": 0.0}])
+@pytest.mark.parametrize(
+    "seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in range(2, 7))]
+)
+def test_noise_of_a_current_sensor_is_no_controller(seed, fixed):
+    estimate = identify(battery(0.05, seed), Structure(2, 2, fixed=fixed), throw=False)
+    assert estimate.status.ok
+    assert estimate.route == "open-loop"
+    codes = [one.code for one in estimate.findings]
+    assert "feedback" not in codes
+    assert "loop-not-excited" not in codes

@@ -26,7 +26,7 @@ from tridentify.judgement.causes.intersample import (
 )
 from tridentify.judgement.causes.lost import Place, lost_rival
 from tridentify.judgement.causes.present import Present
-from tridentify.judgement.causes.pulses import pulse_rivals
+from tridentify.judgement.causes.pulses import level_rivals, pulse_rivals
 from tridentify.judgement.causes.rivals import (
     Rival,
     drift_rivals,
@@ -262,6 +262,7 @@ def _rivals(present: Present, fitted: Sequence[Array], only: str) -> dict[str, l
     makers: tuple[tuple[tuple[str, ...], Callable[[], Iterable[Rival]]], ...] = (
         (("intersample",), lambda: _intersample_rivals(present)),
         (("input-noise", "intersample"), lambda: pulse_rivals(present)),
+        (("input-noise",), lambda: level_rivals(present)),
         (("delay",), lambda: delay_rivals(present)),
         (("saturation",), lambda: saturation_rivals(present, fitted)),
         (("nonlinear",), lambda: nonlinear_rivals(present, fitted)),

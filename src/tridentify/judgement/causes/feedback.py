@@ -28,12 +28,14 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tridentify.estimation.likelihood.cost import Point
 from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.judgement.causes.attempt import Attempt
 from tridentify.judgement.causes.direct_part import has_direct_part
+from tridentify.judgement.causes.levels_in_noise import chance_of_noise, stretches
 from tridentify.judgement.causes.surprises import moved, small_surprises
 from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
@@ -62,6 +64,10 @@ moves a little at every sample."""
 
 CHANCE_MEASURED = 1e-8
 """The same of an input that is not held: it is smooth, and hardly anything quite linear."""
+
+BY_ITSELF = 0.02
+"""p-value from which an input at levels moves by itself: a loop seldom looks so, and of inputs that
+are noisy one in fifty is still asked."""
 
 LEAST_SHARE = 0.02
 """Of the residual that inputs to come must explain: in a long record the slightest imperfection is
@@ -122,8 +128,12 @@ class Inputs:
 
     @classmethod
     def of(cls, records: Sequence[Record]) -> Inputs:
-        """Those of some records."""
-        return cls(tuple(records), small_surprises(records))
+        """Those of some records, without what is noise of an input's own sensor."""
+        own = [
+            np.where(_recorded_noise(record), 0.0, one)
+            for record, one in zip(records, small_surprises(records), strict=True)
+        ]
+        return cls(tuple(records), tuple(own))
 
     @property
     def commanded(self) -> bool:
@@ -134,6 +144,22 @@ class Inputs:
     def held(self) -> bool:
         """Whether all are held between samples."""
         return all(record.behaviour == "zoh" for record in self.records)
+
+
+def _recorded_noise(record: Record) -> NDArray[np.bool_]:
+    """(n_inputs,) which inputs stand at levels, and move on these by what no output tells.
+
+    Where the output follows at once, what is left of it follows that noise, and a later sample of
+    the input, which tells its level once more, explains some of what is left.
+    """
+    found = np.zeros(record.n_inputs, dtype=bool)
+    for j in range(record.n_inputs):
+        levels = np.full(record.n_samples, np.nan)
+        for first, last in stretches(record.u[:, j]):
+            levels[first:last] = record.u[first:last, j].mean()
+        at_levels = bool(np.isfinite(levels).any())
+        found[j] = at_levels and chance_of_noise(record, j, levels, COMING) > BY_ITSELF
+    return found
 
 
 def reacts(

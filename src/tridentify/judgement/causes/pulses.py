@@ -1,4 +1,4 @@
-"""An input of pulses of a few samples: what its samples say of it, and what of them is noise.
+"""Inputs of pulses or of levels: what their samples say of them, and what of these is noise.
 
 An impact of a hammer is one-sided and lasts for some samples; for most of the record the input is
 at rest. *Its noise.* What is recorded at rest is the noise of the force sensor, which moves
@@ -7,6 +7,10 @@ presses small values down makes up for that, and passes for a bend. *Its size.* 
 ends between two samples, so that held, joined by lines or band-limited its size is off by a little,
 each time by another share: a response that is too large at some pulses and too small at others
 looks like a bend as well. Both are tried before a bend is named.
+
+An input that is switched between levels, with the noise of its sensor on them, is of the same kind
+where the output follows at once: what is left of the output then follows the noise, and a later
+sample of the input, which tells its level once more, explains some of it, as if it reacted.
 """
 
 from __future__ import annotations
@@ -17,35 +21,27 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import fdtrc
 
+from tridentify.judgement.causes.levels_in_noise import (
+    AT_REST,
+    STANDS_OUT,
+    chance_of_noise,
+    stretches,
+)
 from tridentify.judgement.causes.present import Present
 from tridentify.judgement.causes.rivals import Rival, one
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.quantiles import median
 from tridentify.numerics.robust import median_scale
-from tridentify.record.record import Record
-
-AT_REST = 0.8
-"""Share of the samples at which an input of pulses stands at one level."""
-
-STANDS_OUT = 8.0
-"""Usual deviations of the input at rest from which it is a pulse."""
 
 FLOOR = 0.02
 """Share of the largest pulse from which it is one, where the input at rest is exact."""
 
-BESIDE = 1
-"""Samples beside a pulse that belong to it: its flanks may be below the floor."""
-
-PAST = 3
-"""Samples of inputs and outputs that may tell what an input does at rest."""
-
-PER_COLUMN = 10
-"""Samples at rest for each of them, at least."""
-
 NO_NOISE = 1e-3
 """p-value from which they do tell it."""
+
+BESIDE = 1
+"""Samples beside a pulse that belong to it: its flanks may be below the floor."""
 
 LONGEST = 20
 """Samples of a pulse from which its size is known well enough."""
@@ -90,45 +86,56 @@ def _without_noise(present: Present, j: int, own: Sequence[tuple[int, int]]) -> 
     """The input without what moves at rest, where anything does."""
     (record,) = present.records
     name = record.input_names[j]
-    u = np.array(record.u)
-    kept = np.zeros(record.n_samples, dtype=bool)
-    for first, last in own:
-        kept[max(first - BESIDE, 0) : last + BESIDE] = True
-    if not (np.ptp(u[~kept, j]) > 0.0 and _by_itself(record, j, ~kept)):
-        return
-    u[~kept, j] = median(u[~kept, j])
-    found = one(
-        "input-noise",
-        replace(present, records=(record._derive(u=u),)),
+    wide = [(max(first - BESIDE, 0), last + BESIDE) for first, last in own]
+    edges = np.clip([0, *(edge for pair in wide for edge in pair), record.n_samples], 0, None)
+    rests = [
+        (int(a), min(int(b), record.n_samples))
+        for a, b in zip(edges[::2], edges[1::2], strict=True)
+    ]
+    level = float(median(record.u[:, j]))
+    yield from _at_levels(
+        present,
+        j,
+        [(a, b, level) for a, b in rests if b > a],
         f"an input {name} that stands still between its pulses",
         f"Set {name} to its level at rest between the pulses (a force window), if nothing acted "
         "there.",
     )
-    yield replace(found, calms=True)
 
 
-def _by_itself(record: Record, j: int, rest: NDArray[np.bool_]) -> bool:
-    """Whether what an input does at rest is white and follows no output: noise of its own sensor.
+def level_rivals(present: Present) -> Iterator[Rival]:
+    """Inputs that were switched between levels, without the noise that was recorded on these."""
+    if len(present.records) > 1 or not isinstance(present.order, int):
+        return
+    (record,) = present.records
+    for j, name in enumerate(record.input_names):
+        u = record.u[:, j]
+        own = [(a, b, float(u[a:b].mean())) for a, b in stretches(u)]
+        if pulses(u) or not own:
+            continue
+        yield from _at_levels(
+            present,
+            j,
+            own,
+            f"an input {name} that stands still between its steps",
+            f"Set {name} to its level between the steps (the mean of each), if nothing else acted.",
+        )
 
-    A controller that answers to an output moves its input at rest, too, and that acts.
-    """
-    now = np.flatnonzero(rest)
-    now = now[now >= PAST]
-    u = record.u[:, j] - record.u[rest, j].mean()
-    before = [u[now - lag] * rest[now - lag] for lag in range(1, PAST + 1)]
-    beside = [record.y[now - lag] for lag in range(PAST + 1)]
-    columns = np.column_stack([np.ones(now.size), *before, *beside])
-    there = np.isfinite(columns).all(axis=1)
-    columns, wanted = columns[there], u[now][there]
-    if wanted.size < PER_COLUMN * columns.shape[1]:
-        return False
-    scale = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
-    left = wanted - columns / scale @ np.linalg.lstsq(columns / scale, wanted, rcond=1e-10)[0]
-    k, n = columns.shape[1] - 1, wanted.size
-    spread = float(np.sum((wanted - wanted.mean()) ** 2))
-    told = max(spread - float(left @ left), 0.0)
-    p_value = float(fdtrc(k, n - k - 1, told / k / (float(left @ left) / (n - k - 1))))
-    return p_value > NO_NOISE
+
+def _at_levels(
+    present: Present, j: int, rests: Sequence[tuple[int, int, float]], what: str, advice: str
+) -> Iterator[Rival]:
+    """The input at one level over each rest, where what moves there is noise of its sensor."""
+    (record,) = present.records
+    u, levels = np.array(record.u), np.full(record.n_samples, np.nan)
+    for first, last, level in rests:
+        levels[first:last] = level
+    rest = np.isfinite(levels)
+    if not (np.any(u[rest, j] != levels[rest]) and chance_of_noise(record, j, levels) > NO_NOISE):
+        return
+    u[rest, j] = levels[rest]
+    other = replace(present, records=(record._derive(u=u),))
+    yield replace(one("input-noise", other, what, advice), calms=True)
 
 
 def pulses(u: Array) -> list[tuple[int, int]]:
