@@ -16,7 +16,9 @@ Steps in turn creep, and errors of the one as if the other were known are too sm
 are those of Gauss and Newton on all unknowns, and the covariance is the block of ``theta`` in the
 inverse of their whole information. Where several ends are nearly as likely (orders of the noise,
 other minima, of which weakly moved loops have several), each counts with its Akaike weight, and
-their distances from the likeliest join the covariance (Buckland, Burnham & Augustin 1997).
+their distances from the likeliest join the covariance (Buckland, Burnham & Augustin 1997). Steps
+may end at a kink before the minimum, mostly within one standard error or two of it; such ends count
+as others, with the step that was left.
 
 *Start.* Free, with an offset of the output and a level of every input: of a plant that integrates
 no offset makes up for the input at which it rests.
@@ -283,12 +285,15 @@ class End:
     Attributes
     ----------
     place : Together
+    step : (n,) array
+        Of the plant, the last: one that is not short promised to lower the errors and did not.
     moved : float
-        By the last step [standard errors].
+        By it [standard errors].
     steps : int
     """
 
     place: Together
+    step: Array
     moved: float
     steps: int
 
@@ -318,10 +323,10 @@ def descended(here: Together) -> End:
 
 
 def _steps(here: Together) -> End:
-    moved = np.inf
+    moved, n = np.inf, here.plant.theta.size
     for steps in range(1, MOST_STEPS + 1):
         if not np.isfinite(here.columns).all():
-            return End(here, np.inf, steps)
+            return End(here, np.zeros(n), np.inf, steps)
         change, moved = here.step
         share, other = 1.0, None
         for _ in range(HALVINGS):
@@ -334,7 +339,7 @@ def _steps(here: Together) -> End:
         here = other
         if moved <= STILL:
             break
-    return End(here, moved, steps)
+    return End(here, change[:n], moved, steps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -345,7 +350,7 @@ class Settled:
     ----------
     found : Found
     spread : (n, n) array
-        What other ends add to the covariance of the plant.
+        What other ends, and a step that came to nothing, add to the covariance of the plant.
     """
 
     found: Found
@@ -365,7 +370,7 @@ def together(loops: Sequence[Loop], plants: Sequence[Plant]) -> Settled | None:
         if not np.isfinite(begun.size):
             continue
         try:
-            ends += [one for one in _over_orders(begun) if one.still]
+            ends += [one for one in _over_orders(begun) if np.isfinite(one.moved)]
         except np.linalg.LinAlgError:  # a plant without a response, or beyond all bounds
             continue
     if not ends:
@@ -422,7 +427,7 @@ def _spread(best: End, ends: Sequence[End]) -> Array:
         away = one.place.plant.theta - best.place.plant.theta
         spread += weight * np.outer(away, away)
         total += weight
-    return spread / total
+    return spread / total + np.outer(best.step, best.step)
 
 
 def _is_same(one: Together, other: Together) -> bool:

@@ -1,9 +1,10 @@
 """The end of the direct route: plant and noise found together (`closed_loop.joint`).
 
 The search of the direct route keeps to stable plants, and finds plant and noise in turn. From its
-end, and from the equation error of input and output as they are, both are found together, whether
-or not the plant is stable. Where that leads elsewhere, it is the estimate; where it leads to the
-same place, what else is nearly as likely joins the covariance.
+end, from the equation error of input and output as they are, and from the best forecast of the
+output (`closed_loop.long_past`), both are found together, whether or not the plant is stable. Where
+that leads elsewhere, it is the estimate; where it leads to the same place, what else is nearly as
+likely joins the covariance.
 
 *Between the samples.* A controller that works on samples holds the input. Where nobody states that
 it was held, nobody recorded what it did between two samples, and a continuous controller moved it
@@ -30,6 +31,7 @@ from tridentify.estimation.closed_loop.as_recorded import Foretold
 from tridentify.estimation.closed_loop.between_samples import Loop, with_input
 from tridentify.estimation.closed_loop.joint import Settled, together
 from tridentify.estimation.closed_loop.linear_errors import slowest
+from tridentify.estimation.closed_loop.long_past import plants_of_forecast
 from tridentify.estimation.closed_loop.predictor import Plant
 from tridentify.estimation.closed_loop.unstable_answer import estimate_of, open_loops, orders_of
 from tridentify.estimation.closed_loop.unstable_starts import starting_plants
@@ -40,7 +42,8 @@ from tridentify.record.record import Record
 ELSEWHERE = 1.0
 """Standard errors from which the steps on all unknowns lead to another place."""
 MANY = 3.0
-"""Standard errors between assumptions on the input from which the record cannot tell the plant."""
+"""Standard errors between assumptions on the input, or of a last step, from which the record cannot
+tell the plant."""
 LONGEST = 50_000
 """Samples up to which it is tried: every step simulates the plant twice for each coefficient."""
 
@@ -64,7 +67,9 @@ def found_together(found: Estimate, records: Sequence[Record], *, stated: bool =
     loops = open_loops(asked.records)
     known = plant_of(found)
     try:
-        best = together(loops, [known, *starting_plants(loops, *orders)])
+        best = together(
+            loops, [known, *starting_plants(loops, *orders), *plants_of_forecast(loops, *orders)]
+        )
     except (TridentifyError, np.linalg.LinAlgError, ValueError):
         best = None
     if best is None:
@@ -73,6 +78,8 @@ def found_together(found: Estimate, records: Sequence[Record], *, stated: bool =
     away = best.found.plant.theta - known.theta
     errors = np.maximum(best.errors, 1e-300)
     spread, told = _between(asked.records, best, stated)
+    if not best.found.moved < MANY:
+        told = (f"{NO_END_TOGETHER}: the record hardly tells one from the other", *told)
     other = found.status is not Status.CONVERGED or np.max(np.abs(away) / errors) > ELSEWHERE
     if other:
         cov = best.found.cov + best.spread + spread
