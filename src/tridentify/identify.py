@@ -211,7 +211,7 @@ def search(
         first, stated = found, all(record.intersample != "auto" for record in given)
         again = directly(chosen, found, seen, wanted, progress)
         found = widened(again or found, seen, stated=stated)
-        found = not_stable(chosen, found, seen, wanted, progress) or found
+        found = not_stable(chosen, found, seen, wanted, progress, stated=stated) or found
 
     def judged() -> Estimate:
         if progress is not None:

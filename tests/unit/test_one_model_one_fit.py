@@ -65,7 +65,10 @@ def test_the_direct_route_is_not_judged_by_a_simulation(seed):
 @pytest.mark.parametrize("route", ["open-loop", "direct"])
 def test_every_fit_and_coefficient_starts_from_what_is_printed(seed, route):
     estimate = estimated(seed, route)
-    for findings in (estimate.findings, validate(estimate, on_a_beam(seed)).findings):
+    # an integrator may come out a little beyond, and what is not stable has no residual to test
+    stable = estimate.model.poles.real.max() < 0.0
+    tested = validate(estimate, on_a_beam(seed)).findings if stable else ()
+    for findings in (estimate.findings, tested):
         # two behaviours of the input are compared by fits of their own
         for one in (own for own in findings if own.code != "intersample"):
             for before in re.findall(r"fit of position from (-?[\d.]+)", one.effect):

@@ -24,7 +24,7 @@ from tridentify.estimation.methods.in_loop import found_together
 from tridentify.estimation.methods.not_stable import unless_unstable
 from tridentify.estimation.methods.output_error import OutputError
 from tridentify.estimation.methods.three_model import ThreeModel
-from tridentify.judgement.causes.feedback import misses
+from tridentify.judgement.causes.feedback import Inputs, misses
 from tridentify.judgement.validation.assess import looked_at, may_react_at_all, own_look
 from tridentify.judgement.validation.residuals import Output, View, root_of
 from tridentify.judgement.validation.verdict import NO_CONTROLLER
@@ -89,6 +89,17 @@ def directly(
         return None
     if not any(finding.code == CODE for finding in looked_at(estimate, records)):
         return None
+    why = "the input reacts to the output, and no reference says what else moved it"
+    return _by_direct_route(method, records, structure, progress, why)
+
+
+def _by_direct_route(
+    method: ThreeModel,
+    records: Sequence[Record],
+    structure: Structure,
+    progress: Progress | None,
+    why: str,
+) -> Estimate | None:
     (progress or silently)("feedback: the direct route")
     try:
         found = replace(method, route="direct").estimate(records, structure, progress)
@@ -96,8 +107,7 @@ def directly(
         return None
     if not found.status.ok:
         return None
-    told = "route direct: the input reacts to the output, and no reference says what else moved it"
-    return replace(found, trace=found.trace.told(told))
+    return replace(found, trace=found.trace.told(f"route direct: {why}"))
 
 
 def not_stable(
@@ -106,11 +116,14 @@ def not_stable(
     records: Sequence[Record],
     structure: Structure,
     progress: Progress | None,
+    *,
+    stated: bool = True,
 ) -> Estimate | None:
     """Estimate anew without the limit of stability, where a record in open loop speaks for that.
 
     An unstable mode in a record of some length means a controller, which a stable model shows by
-    its residual; without a reference it is told of there.
+    its residual; without a reference it is told of there. Where the input was not commanded the
+    direct route is taken.
 
     Parameters
     ----------
@@ -123,6 +136,8 @@ def not_stable(
     structure : Structure
         As asked for.
     progress : callable, optional
+    stated : bool
+        Whether somebody stated what the inputs do between their samples.
 
     Returns
     -------
@@ -139,7 +154,12 @@ def not_stable(
     )
     if found is estimate or any(one.code == CODE for one in looked_at(estimate, records)):
         return None
-    return found
+    if method.route != "auto" or method.noise == "white" or Inputs.of(records).commanded:
+        return found
+    # what runs away stayed within its record although the input was not commanded: it was held
+    why = "the plant runs away by itself, and what moved its input held it"
+    held = _by_direct_route(method, records, structure, progress, why)
+    return found if held is None else widened(held, records, stated=stated)
 
 
 def widened(estimate: Estimate, records: Sequence[Record], *, stated: bool = True) -> Estimate:
