@@ -18,6 +18,7 @@ from scipy.signal import lfilter
 from tridentify.estimation.closed_loop.between_samples import Loop
 from tridentify.estimation.closed_loop.linear_errors import slowest
 from tridentify.estimation.closed_loop.predictor import Plant, recorded
+from tridentify.estimation.closed_loop.unstable_starts import lagged
 from tridentify.models.simulate import simulate_each
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.record.record import Record
@@ -69,12 +70,9 @@ def _pulses(loops: Sequence[Loop], past: int, at_once: Sequence[bool]) -> list[A
         y = recorded(loop).y
         signals = np.column_stack([y, loop.record.u])
         lags = [range(1, past + 1), *(range(0 if now else 1, past + 1) for now in at_once)]
-        columns = [
-            signals[past - lag : len(y) - lag, j] for j, own in enumerate(lags) for lag in own
-        ]
         level = np.zeros((len(y) - past, len(loops)))
         level[:, number] = 1.0
-        rows.append(np.column_stack([*columns, level]))
+        rows.append(np.hstack([lagged(signals, lags, past), level]))
         target.append(y[past:])
     table, wanted = np.vstack(rows), np.concatenate(target)
     seen = np.isfinite(table).all(axis=1) & np.isfinite(wanted)

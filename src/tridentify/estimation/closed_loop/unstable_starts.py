@@ -68,8 +68,8 @@ def _difference_equation(loops: Sequence[Loop], n: int, zeros: Sequence[int]) ->
         signals = np.column_stack([y, loop.record.u])
         free = np.column_stack([part.outputs[:, 0] - part.outputs[0, 0], part.inputs])
         lags = [range(1, n + 1), *(range(n + 1) for _ in zeros)]
-        rows.append(_lagged(signals, lags, n))
-        mates.append(_lagged(free, lags, n))
+        rows.append(lagged(signals, lags, n))
+        mates.append(lagged(free, lags, n))
         target.append(y[n:])
     phi, z = np.vstack(rows), np.vstack(mates)
     norms = np.linalg.norm(z, axis=0) + 1e-300
@@ -97,7 +97,7 @@ def with_poles(loops: Sequence[Loop], poles: Complex, zeros: Sequence[int]) -> P
     return plant.with_theta(np.concatenate([a, weights[: plant.theta.size - a.size]]))
 
 
-def _lagged(signals: Array, lags: Sequence[range], most: int) -> Array:
+def lagged(signals: Array, lags: Sequence[range], most: int) -> Array:
     """(n_samples - most, k) lags of the signals, and a constant."""
     columns = [
         signals[most - lag : len(signals) - lag, j] for j, own in enumerate(lags) for lag in own

@@ -8,12 +8,14 @@ uncorrelated with noise.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.judgement.validation import bends
 from tridentify.judgement.validation.residuals import Output, View
 from tridentify.numerics.arrays import Array
 
@@ -165,3 +167,44 @@ def later(view: View, output: Output) -> tuple[Array, ...]:
         found.append(one * (position >= total // 2)[:, None])
         before += one.shape[0]
     return tuple(found)
+
+
+class SearchedColumns:
+    """All that a residual is searched for, not whitened; one array per experiment."""
+
+    def __init__(self, view: View, index: int, estimate: Estimate) -> None:
+        self._asked = view, index, estimate
+        self._view, self._output = view, view.outputs[index]
+        self._inputs = range(view.records[0].n_inputs)
+        self.lags = tuple(past_lags(view, self._output))
+
+    @cached_property
+    def past(self) -> tuple[Array, ...]:
+        """Responses to past inputs."""
+        return responses(self._view, self._inputs, self.lags)
+
+    @cached_property
+    def coming(self) -> tuple[Array, ...]:
+        """Responses to inputs to come."""
+        few = self.lags[: max(len(self.lags) // 2, 2)]
+        return responses(self._view, self._inputs, few, coming=True)
+
+    @cached_property
+    def wave(self) -> tuple[Array, ...]:
+        """A constant and slow cosines."""
+        return waves(self._view)
+
+    @cached_property
+    def later(self) -> tuple[Array, ...]:
+        """The derivatives in the second half alone."""
+        return later(self._view, self._output)
+
+    @cached_property
+    def late(self) -> tuple[tuple[Array, ...], ...]:
+        """The fitted output some samples later."""
+        return tuple(bends.late(*self._asked))
+
+    @cached_property
+    def bends(self) -> tuple[tuple[Array, ...], ...]:
+        """Every kind of non-linearity."""
+        return tuple(bends.bends(*self._asked))

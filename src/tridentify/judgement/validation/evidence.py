@@ -30,7 +30,7 @@ import numpy as np
 from scipy.special import fdtrc
 
 from tridentify.estimation.answer.estimate import Estimate
-from tridentify.judgement.validation import bends, columns
+from tridentify.judgement.validation import columns
 from tridentify.judgement.validation.distribution import distribution
 from tridentify.judgement.validation.likelihood_ratio import (
     CALLED,
@@ -164,7 +164,7 @@ class _Tests:
     ) -> None:
         self._output = view.outputs[index]
         self._times = tuple(record.t for record in view.records)
-        self._found = _Columns(view, index, estimate)
+        self._found = columns.SearchedColumns(view, index, estimate)
         self._n_lags, self._rate = n_lags, rate
         self.lags = self._found.lags
 
@@ -337,7 +337,7 @@ def suspicious(view: View, index: int, estimate: Estimate) -> bool:
     p-values exact: one in twenty right records is called for, and what follows then decides.
     """
     output = view.outputs[index]
-    found = _Columns(view, index, estimate)
+    found = columns.SearchedColumns(view, index, estimate)
     e, basis = whitened(output, output.noise, _fitted(output))
     kinds = (*found.late, *found.bends, found.past, found.wave, found.later, found.coming)
     white = output.white(joined(*kinds), output.noise)
@@ -351,44 +351,9 @@ def _fitted(output: Output) -> tuple[Array, ...]:
     return joined(output.coefficients, output.nuisance)
 
 
-class _Columns:
-    """All that a residual is searched for, not whitened; one array per experiment."""
-
-    def __init__(self, view: View, index: int, estimate: Estimate) -> None:
-        self._asked = view, index, estimate
-        self._view, self._output = view, view.outputs[index]
-        self._inputs = range(view.records[0].n_inputs)
-        self.lags = tuple(columns.past_lags(view, self._output))
-
-    @cached_property
-    def past(self) -> tuple[Array, ...]:
-        return columns.responses(self._view, self._inputs, self.lags)
-
-    @cached_property
-    def coming(self) -> tuple[Array, ...]:
-        few = self.lags[: max(len(self.lags) // 2, 2)]
-        return columns.responses(self._view, self._inputs, few, coming=True)
-
-    @cached_property
-    def wave(self) -> tuple[Array, ...]:
-        return columns.waves(self._view)
-
-    @cached_property
-    def later(self) -> tuple[Array, ...]:
-        return columns.later(self._view, self._output)
-
-    @cached_property
-    def late(self) -> tuple[tuple[Array, ...], ...]:
-        return tuple(bends.late(*self._asked))
-
-    @cached_property
-    def bends(self) -> tuple[tuple[Array, ...], ...]:
-        return tuple(bends.bends(*self._asked))
-
-
 def _past_and_level(
     output: Output,
-    found: _Columns,
+    found: columns.SearchedColumns,
     fit: tuple[Array, Array],
     alone: Known,
     past: Array,

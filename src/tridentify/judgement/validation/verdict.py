@@ -470,7 +470,7 @@ def _about_noise(
                 "distribution",
                 name,
                 f"the residual of {name} is not Gaussian (skewness {one.normality.skewness:.2f}, "
-                f"excess kurtosis {one.normality.kurtosis:.2f}); the estimate holds all the same",
+                f"excess kurtosis {one.normality.kurtosis:.2f}); the numbers do not rest on that",
                 ""
                 if beside.robust
                 else "nothing, unless the tails are heavy: then loss='student' is more accurate",
