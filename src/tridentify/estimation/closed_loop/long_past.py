@@ -13,7 +13,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import scipy.linalg
-from scipy.signal import lfilter
 
 from tridentify.estimation.closed_loop.between_samples import Loop
 from tridentify.estimation.closed_loop.linear_errors import slowest
@@ -83,7 +82,10 @@ def _pulses(loops: Sequence[Loop], past: int, at_once: Sequence[bool]) -> list[A
         own = weights[at : at + past + now]
         at += own.size
         moved = np.concatenate([own if now else np.append(0.0, own), np.zeros(past)])
-        found.append(lfilter([1.0], np.append(1.0, -weights[:past]), moved)[:past])
+        own_past = np.append(1.0, -weights[: past - 1])
+        # unity on its diagonal, so that it is solved exactly forward
+        recursion = scipy.linalg.toeplitz(own_past, np.zeros(past))
+        found.append(scipy.linalg.solve_triangular(recursion, moved[:past], lower=True))
     return found
 
 
