@@ -56,7 +56,7 @@ def test_the_direct_route_is_not_judged_by_a_simulation(seed):
     text = " ".join(one.text for one in estimate.findings)
     assert "noise='white'" not in text or not predicts(estimate)
     assert not [one for one in estimate.findings if one.code == "drift" and one.matters]
-    assert predicts(estimate) == (seed != 2)
+    assert predicts(estimate)
     if class_of(estimate, estimate.findings) != "bad":
         assert abs(estimate.parameters["b0"].value / GAIN - 1.0) < 0.5
 
