@@ -229,8 +229,6 @@ def about_direct(
     estimate : Estimate
     records : sequence of Record
         Those that were identified.
-    stated : bool
-        Whether somebody stated what the inputs do between their samples.
     """
     if estimate.route != "direct":
         return tuple(findings)

@@ -45,7 +45,7 @@ def plants_of_forecast(loops: Sequence[Loop], n: int, zeros: Sequence[int]) -> l
     -------
     list of Plant
         With the poles that are realised, and one that integrates: poles slower than the past tells
-        are known by what the gain does. None where the record is too short for a past.
+        are known by what the gain does. Empty where the record is too short for a past.
     """
     samples = sum(loop.record.n_samples for loop in loops)
     past = min(LONGEST, samples // (PER_COLUMN * (len(zeros) + 1)))
