@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from tridentify.errors import OptionError, shown
-from tridentify.estimation.methods.filtered.state_variable_filters import checked_filter
+from tridentify.estimation.methods.filtered.filter_cascade import checked_filter
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.online.asked import check_choice
 from tridentify.online.equation import EquationError, unknowns_of

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from tridentify.estimation.methods.filtered.state_variable_filters import checked_filter
+from tridentify.estimation.methods.filtered.filter_cascade import checked_filter
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.online.asked import check_choice, check_forgetting
 from tridentify.online.equation import EquationError

@@ -36,7 +36,7 @@ from tridentify.estimation.likelihood.problem import Problem
 from tridentify.estimation.likelihood.thresholds import SAME_END
 from tridentify.estimation.methods.base import Progress, check, check_count
 from tridentify.estimation.methods.capability import Capability
-from tridentify.estimation.methods.filtered.state_variable_filters import check_rates, monic_filter
+from tridentify.estimation.methods.filtered.filter_cascade import check_rates, monic_filter
 from tridentify.models.operators import AllPass, Laguerre, OperatorBank
 from tridentify.models.parallel import fit_parallel
 from tridentify.models.regression import Regression, regress

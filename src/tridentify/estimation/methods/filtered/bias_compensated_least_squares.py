@@ -71,7 +71,8 @@ from tridentify.estimation.answer.estimate import Estimate, Pass, Start, Status,
 from tridentify.estimation.likelihood.held_model import HeldModel
 from tridentify.estimation.likelihood.literal import literal_estimate
 from tridentify.estimation.methods.base import Progress, check
-from tridentify.estimation.methods.capability import Capability
+from tridentify.estimation.methods.capability import Capability, refuse_missing
+from tridentify.estimation.methods.filtered.filter_cascade import Filter, checked_filter
 from tridentify.estimation.methods.filtered.noise_through_filters import (
     FilterColumns,
     Separated,
@@ -79,12 +80,9 @@ from tridentify.estimation.methods.filtered.noise_through_filters import (
     separate,
 )
 from tridentify.estimation.methods.filtered.state_variable_filters import (
-    Filter,
     backward,
-    checked_filter,
     coefficient_map,
     equation,
-    refuse_missing,
     unreduced,
     with_filtered,
 )

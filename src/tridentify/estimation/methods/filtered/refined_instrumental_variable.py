@@ -71,11 +71,10 @@ from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidat
 from tridentify.estimation.likelihood.problem import REFLECTED, TOO_FAST, Problem
 from tridentify.estimation.likelihood.thresholds import TRUSTED
 from tridentify.estimation.methods.base import Progress, check
-from tridentify.estimation.methods.capability import Capability
+from tridentify.estimation.methods.capability import Capability, refuse_missing
 from tridentify.estimation.methods.filtered.state_variable_filters import (
     constants,
     filtered_outputs,
-    refuse_missing,
 )
 from tridentify.estimation.methods.filtered.svf_instrumental_variable import instrumental_passes
 from tridentify.estimation.methods.filtered.svf_least_squares import least_squares

@@ -35,13 +35,9 @@ from dataclasses import dataclass, replace
 from tridentify.errors import IdentifiabilityError
 from tridentify.estimation.answer.estimate import Estimate, Pass
 from tridentify.estimation.methods.base import Progress, check
-from tridentify.estimation.methods.capability import Capability
-from tridentify.estimation.methods.filtered.state_variable_filters import (
-    SvfFit,
-    checked_filter,
-    fit,
-    refuse_missing,
-)
+from tridentify.estimation.methods.capability import Capability, refuse_missing
+from tridentify.estimation.methods.filtered.filter_cascade import checked_filter
+from tridentify.estimation.methods.filtered.state_variable_filters import SvfFit, fit
 from tridentify.estimation.methods.filtered.svf_least_squares import (
     Chosen,
     described,

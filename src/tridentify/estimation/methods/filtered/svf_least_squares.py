@@ -39,19 +39,20 @@ from tridentify.estimation.likelihood.literal import literal_estimate
 from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidates
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.estimation.methods.base import Progress, check
-from tridentify.estimation.methods.capability import Capability
-from tridentify.estimation.methods.filtered.state_variable_filters import (
+from tridentify.estimation.methods.capability import Capability, refuse_missing
+from tridentify.estimation.methods.filtered.filter_cascade import (
     Filter,
+    check_rates,
+    checked_filter,
+    filter_cascade,
+)
+from tridentify.estimation.methods.filtered.state_variable_filters import (
     SvfFit,
     backward,
     bank_of,
-    check_rates,
-    checked_filter,
     coefficient_map,
     equation,
-    filter_cascade,
     fit,
-    refuse_missing,
     unreduced,
     with_filtered,
 )
