@@ -9,8 +9,10 @@ import numpy as np
 from tridentify.errors import (
     OptionError,
     UndeterminedError,
+    UnsupportedError,
     shown,
 )
+from tridentify.online.layout import Setting
 from tridentify.online.state import State
 
 LEAST_FORGETTING = 0.5
@@ -58,6 +60,20 @@ def check_choice(name: str, value: object, choices: Sequence[str]) -> None:
     if value not in choices:
         raise OptionError(
             f"found {name}={shown(value)}; expected {' or '.join(map(repr, choices))}; choose one"
+        )
+
+
+def refuse_drift(name: str, setting: Setting) -> None:
+    """Refuse a drift that is asked for.
+
+    Raises
+    ------
+    UnsupportedError
+    """
+    if setting.structure.drift is True:
+        raise UnsupportedError(
+            f"found drift=True; {name} on-line estimates no drift; leave it out, or use "
+            "online.ThreeModel()"
         )
 
 

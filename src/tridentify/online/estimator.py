@@ -42,7 +42,7 @@ from tridentify.online.arriving import (
 from tridentify.online.asked import NotReadyError, check_state, is_number
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.workspace import LONGEST, Workspace
-from tridentify.online.layout import Blueprint, Setting, smallest_channel
+from tridentify.online.layout import Blueprint, Setting, constants_for, smallest_channel
 from tridentify.online.state import MAKERS, State
 from tridentify.record.checks.scales import check_span
 from tridentify.record.record import Record
@@ -134,9 +134,9 @@ class Estimator(ABC):
     def is_ready(self, state: State) -> bool:
         """Whether the samples so far determine the coefficients."""
 
-    @abstractmethod
     def constants_for(self, blueprint: Blueprint, setting: Setting, intervals: Array) -> Array:
         """(k, ...) ``c`` of the kernels for samples that come after other intervals [s]."""
+        return constants_for(blueprint, setting, intervals)
 
     @abstractmethod
     def rebuilt(self, setting: Setting, blueprint: Blueprint) -> Blueprint:

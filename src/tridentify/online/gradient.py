@@ -70,13 +70,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from tridentify.errors import OptionError, UnsupportedError, shown
+from tridentify.errors import OptionError, shown
 from tridentify.estimation.answer.estimate import Estimate, Status, Trace
 from tridentify.estimation.methods.filtered.filter_cascade import checked_filter
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.slices import Slices
 from tridentify.numerics.threads import one_blas_thread
-from tridentify.online.asked import check_choice, not_ready
+from tridentify.online.asked import check_choice, not_ready, refuse_drift
 from tridentify.online.estimator import CompiledKernels, check_asked, kept_samples
 from tridentify.online.findings import noise_finding, with_findings
 from tridentify.online.gradient_follow import (
@@ -113,7 +113,6 @@ from tridentify.online.layout import (
     NuisanceColumns,
     Setting,
     collecting,
-    constants_for,
     fresh,
 )
 from tridentify.online.result import assembled
@@ -123,7 +122,6 @@ from tridentify.online.search import (
     checked_start,
     far_off,
     filter_poles,
-    first_try,
     poles_of_start,
     searching,
 )
@@ -132,6 +130,7 @@ from tridentify.online.starting import (
     again,
     idle,
     shortened,
+    waiting,
     without,
 )
 from tridentify.online.state import Stage, State
@@ -233,16 +232,9 @@ class Gradient(GradientRule):
     # ------------------------------------------------------------------------------ the beginning
     def begin(self, setting: Setting) -> State:
         """The state before the first sample."""
-        if setting.structure.drift is True:
-            raise UnsupportedError(
-                f"found drift=True; {self.name} on-line estimates no drift; leave it out, or use "
-                "online.ThreeModel()"
-            )
+        refuse_drift(self.name, setting)
         if not self.fixed and self.start is None:
-            blueprint = collecting(setting)
-            x = fresh(blueprint)
-            x[slots.TICK] = first_try(setting)
-            return State(x, Stage(self, setting, blueprint, blueprint.poles))
+            return waiting(self, setting)
         nuisance = nuisance_of(setting, False)
         if self.start is None:
             basis = self._paper_basis(setting, nuisance)
@@ -312,10 +304,6 @@ class Gradient(GradientRule):
         if not basis.adapted or (len(batches) and batches[:, 0].sum() < basis.unknowns):
             return batches[:0]
         return batches
-
-    def constants_for(self, blueprint: Blueprint, setting: Setting, intervals: Array) -> Array:
-        """``c`` for samples that come after other intervals."""
-        return constants_for(blueprint, setting, intervals)
 
     # ------------------------------------------------------------------------------- the slow clock
     def adapt(self, state: State) -> State:

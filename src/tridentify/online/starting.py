@@ -11,8 +11,8 @@ from tridentify.estimation.likelihood.nuisance import Nuisances, build
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.online.estimator import Estimator
 from tridentify.online.kernels import gradient_slots, slots
-from tridentify.online.layout import CHUNK, Blueprint, Setting, watch_of
-from tridentify.online.search import next_try, record_of
+from tridentify.online.layout import CHUNK, Blueprint, Setting, collecting, fresh, watch_of
+from tridentify.online.search import first_try, next_try, record_of
 from tridentify.online.state import Stage, State
 from tridentify.online.task import Task
 
@@ -24,6 +24,14 @@ PLACES = (
     gradient_slots.X_MOMENTS, gradient_slots.X_ROOM,
 )  # fmt: skip
 """In ``ints``: what may stand in the vector behind the room for samples."""
+
+
+def waiting(method: Estimator, setting: Setting) -> State:
+    """The state before the first sample, where the first samples are to be searched for a model."""
+    blueprint = collecting(setting)
+    x = fresh(blueprint)
+    x[slots.TICK] = first_try(setting)
+    return State(x, Stage(method, setting, blueprint, blueprint.poles))
 
 
 def run_kept(
@@ -112,6 +120,20 @@ def rearranged(old: Blueprint, x: Array, new: Blueprint) -> Array:
     found[int(new.ints[slots.AT_WATCH]) :] = x[int(old.ints[slots.AT_WATCH]) :]
     found[slots.FILLED] = 0.0
     return found
+
+
+def roomed(state: State, keep: bool, past: tuple[Array, ...]) -> State:
+    """The same estimator with, or without, room for samples; ``past`` are those that are kept."""
+    x, stage = state
+    room = with_room(stage.blueprint, keep)
+    x = rearranged(stage.blueprint, x, room)
+    return State(x, stage.but(blueprint=room, past=past))
+
+
+def told_changed(x: Array, lasts: int) -> None:
+    """The coefficients have moved: it is told for so many samples."""
+    x[slots.ALARM] = x[slots.COUNT] + lasts
+    x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.CHANGED)
 
 
 def shortened(state: State, samples: Array) -> State:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, Literal, cast
 
@@ -289,6 +289,13 @@ class Structure(Orders):
     def constrained(self) -> bool:
         """Whether anything is known of the coefficients."""
         return bool(self.known) or self.static_gain is not None
+
+    @property
+    def free(self) -> Structure:
+        """The same with nothing known of the coefficients."""
+        return replace(
+            self, fixed=None, bounds=None, equalities=None, priors=None, static_gain=None
+        )
 
     def gain_matrix(self, n_outputs: int, n_inputs: int) -> tuple[tuple[float | None, ...], ...]:
         """Give the known static gain of every channel.

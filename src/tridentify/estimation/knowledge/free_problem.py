@@ -25,9 +25,7 @@ def seen(
     for a start otherwise.
     """
     k = known.integrators
-    plain = replace(
-        structure, fixed=None, bounds=None, equalities=None, priors=None, static_gain=None
-    )
+    plain = structure.free
     if not k:
         return list(records), plain
     n = known.n_poles - k
@@ -52,16 +50,7 @@ def _integrated(record: Record, count: int, structure: Structure) -> Record:
         areas = u[:-1] if held else 0.5 * (u[:-1] + u[1:])
         u = np.vstack([np.zeros(u.shape[1]), np.cumsum(areas * steps, axis=0)])
         held = False
-    return Record(
-        u,
-        record.y,
-        dt=record.dt,
-        t=record.t if record.dt is None else None,
-        intersample="foh",
-        **record._loop,
-        input_names=record.input_names,
-        output_names=record.output_names,
-    )
+    return record._derive(u=u, intersample="foh")
 
 
 def widened(

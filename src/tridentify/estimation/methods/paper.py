@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -89,6 +90,11 @@ class PaperThreeModel:
     solver: str = "least_squares"
     tolerance: float = 1e-8
 
+    name: ClassVar[str] = "ThreeModel.paper"
+    """What tables and files call it."""
+    capabilities: ClassVar[Capability] = Capability.NONE
+    """The plain case only."""
+
     def __post_init__(self) -> None:
         if self.operators not in ("allpass", "laguerre"):
             raise OptionError(
@@ -122,16 +128,6 @@ class PaperThreeModel:
             )
         self.bank  # noqa: B018 - checks gamma and n_operators
         object.__setattr__(self, "filter", tuple(float(c) for c in coefficients))
-
-    @property
-    def name(self) -> str:
-        """``"ThreeModel.paper"``."""
-        return "ThreeModel.paper"
-
-    @property
-    def capabilities(self) -> Capability:
-        """The plain case only."""
-        return Capability.NONE
 
     @property
     def bank(self) -> OperatorBank:

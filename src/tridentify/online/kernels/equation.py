@@ -23,7 +23,16 @@ from tridentify.numerics.compiled import compiled
 from tridentify.numerics.recursive import correct, drift, predict, solve_triangle
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.absorb import absorb, refuse
-from tridentify.online.kernels.intake import count, doubt, learn, noise_scale, take_in, watch
+from tridentify.online.kernels.advance import die_away, drive
+from tridentify.online.kernels.intake import (
+    count,
+    doubt,
+    learn,
+    noise_scale,
+    nothing_told,
+    take_in,
+    watch,
+)
 
 Ints = NDArray[np.int64]
 
@@ -31,42 +40,10 @@ Ints = NDArray[np.int64]
 @compiled("void(int64[::1], float64[::1], float64[::1])", inline=True)
 def advance_inputs(ints: Ints, c: Array, x: Array) -> None:
     """The filter driven by the impulse at the beginning and by the inputs."""
-    m, q, upper = ints[slots.INPUTS], ints[slots.ORDER], ints[slots.UPPER]
-    f, work = ints[slots.C_STEP], ints[slots.AT_WORK]
-    since = x[slots.SINCE]
-    if ints[slots.FREE]:
-        at = ints[slots.AT_IMPULSE]
-        if since > ints[slots.BEGIN] and x[slots.FIRST] == 0.0:
-            largest = 0.0
-            for i in range(q):
-                total = 0.0
-                for s in range(min(i + 1 + upper, q)):
-                    total += c[f + i * q + s] * x[at + s]
-                x[work + i] = total
-                largest = max(largest, abs(total))
-            for i in range(q):
-                x[at + i] = x[work + i]
-            if largest < c[ints[slots.C_START]]:
-                x[slots.FIRST] = float(q * ints[slots.OUTPUTS])
-        elif since == ints[slots.BEGIN]:
-            for i in range(q):
-                x[at + i] = c[ints[slots.C_START] + 1 + i]
-    if since == 0.0:
-        return
-    for j in range(m):
-        own = ints[slots.AT_INPUTS] + j * q
-        late = ints[slots.AT_LINE] + j * ints[slots.LINE] + int(c[ints[slots.C_EXTRA] + j])
-        g = ints[slots.C_TAPS] + 3 * j * q
-        now, new = x[own : own + q], x[work : work + q]
-        arrived, before, earlier = x[late], x[late + 1], x[late + 2]
-        for i in range(q):
-            total = c[g + i] * arrived + c[g + q + i] * before + c[g + 2 * q + i] * earlier
-            transition = c[f + i * q : f + (i + 1) * q]
-            for s in range(min(i + 1 + upper, q)):
-                total += transition[s] * now[s]
-            new[i] = total
-        for i in range(q):
-            now[i] = new[i]
+    if ints[slots.FREE] and die_away(ints, c, x, ints[slots.AT_IMPULSE]):
+        x[slots.FIRST] = float(ints[slots.ORDER] * ints[slots.OUTPUTS])
+    if x[slots.SINCE] > 0.0:
+        drive(ints, c, x, ints[slots.AT_INPUTS])
 
 
 @compiled("void(int64[::1], float64[::1], float64[::1], int64)", inline=True)
@@ -214,10 +191,7 @@ def equation_step(ints: Ints, c: Array, x: Array, interval: float) -> float:
     m, p = ints[slots.INPUTS], ints[slots.OUTPUTS]
     if ints[slots.COLLECTING]:
         x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.NOT_READY)
-        for i in range(p):
-            x[ints[slots.AT_WATCH] + i * ints[slots.WATCH] + slots.INNOVATION] = np.nan
-        count(ints, x)
-        return np.nan
+        return nothing_told(ints, x)
     advance_inputs(ints, c, x)
     n, theta = ints[slots.COLUMNS], ints[slots.AT_THETA]
     begun = not ints[slots.FREE] or x[slots.SINCE] >= ints[slots.BEGIN]

@@ -27,7 +27,15 @@ from tridentify.numerics.recursive import along, descend
 from tridentify.online.kernels import gradient_slots as places
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.absorb import refuse
-from tridentify.online.kernels.intake import count, doubt, learn, noise_scale, take_in, watch
+from tridentify.online.kernels.intake import (
+    count,
+    doubt,
+    learn,
+    noise_scale,
+    nothing_told,
+    take_in,
+    watch,
+)
 from tridentify.online.kernels.parallel import advance, complete_row
 
 Ints = NDArray[np.int64]
@@ -269,18 +277,12 @@ def gradient_step(ints: Ints, c: Array, x: Array, interval: float) -> float:
     take_in(ints, c, x, interval)
     if ints[slots.COLLECTING]:
         x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.NOT_READY)
-        for i in range(ints[slots.OUTPUTS]):
-            x[ints[slots.AT_WATCH] + i * ints[slots.WATCH] + slots.INNOVATION] = np.nan
-        count(ints, x)
-        return np.nan
+        return nothing_told(ints, x)
     advance(ints, c, x)
     complete_row(ints, c, x)
     n, first = ints[slots.COLUMNS], int(x[slots.FIRST])
     if ints[slots.FREE] and x[slots.SINCE] < ints[slots.BEGIN]:
-        for i in range(ints[slots.OUTPUTS]):
-            x[ints[slots.AT_WATCH] + i * ints[slots.WATCH] + slots.INNOVATION] = np.nan
-        count(ints, x)
-        return np.nan
+        return nothing_told(ints, x)
     step = interval * c[places.RATE]
     idle = False
     for i in range(ints[slots.OUTPUTS]):

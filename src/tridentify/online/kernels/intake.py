@@ -117,6 +117,15 @@ def count(ints: Ints, x: Array) -> None:
         x[slots.EVENT] += slots.TICKED
 
 
+@compiled("float64(int64[::1], float64[::1])")
+def nothing_told(ints: Ints, x: Array) -> float:
+    """The sample is done with, and nothing was expected of it."""
+    for i in range(ints[slots.OUTPUTS]):
+        x[ints[slots.AT_WATCH] + i * ints[slots.WATCH] + slots.INNOVATION] = np.nan
+    count(ints, x)
+    return np.nan
+
+
 @compiled("float64(float64[::1], int64)", inline=True)
 def noise_scale(x: Array, w: int) -> float:
     """Standard deviation of the noise, but no less than a trace of the output's."""

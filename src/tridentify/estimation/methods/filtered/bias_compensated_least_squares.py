@@ -61,6 +61,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 import scipy.linalg
@@ -148,18 +149,13 @@ class BiasCompensatedLeastSquares:
 
     filter: Sequence[float] | None = None
 
+    name: ClassVar[str] = "BiasCompensatedLeastSquares"
+    """What tables and files call it."""
+    capabilities: ClassVar[Capability] = Capability.NONE
+    """The plain case only."""
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "filter", checked_filter(self.filter))
-
-    @property
-    def name(self) -> str:
-        """``"BiasCompensatedLeastSquares"``."""
-        return "BiasCompensatedLeastSquares"
-
-    @property
-    def capabilities(self) -> Capability:
-        """The plain case only."""
-        return Capability.NONE
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
