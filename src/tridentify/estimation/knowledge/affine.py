@@ -99,6 +99,12 @@ class Knowledge:
             and not (np.isfinite(self.spread).any())
         )
 
+    def prior_rows(self, directions: Array, theta: Array) -> tuple[Array, Array]:
+        """What the priors say of a step along directions from ``theta``: rows and their targets."""
+        prior = np.isfinite(self.spread)
+        pull = (self.mean - theta)[prior] / self.spread[prior]
+        return directions[prior] / self.spread[prior, None], pull
+
     def penalty(self, theta: Array) -> float:
         """Minus two log prior, up to a constant."""
         return float(np.sum(((theta - self.mean) / self.spread) ** 2))

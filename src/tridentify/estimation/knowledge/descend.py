@@ -278,9 +278,7 @@ def _solved(
     theta: Array, matrix: Array, residual: Array, here: HeldFit, known: Knowledge, damping: float
 ) -> DescentStep:
     directions = known.directions
-    prior = np.isfinite(known.spread)
-    pull = (known.mean - theta)[prior] / known.spread[prior]
-    held = directions[prior] / known.spread[prior, None]
+    held, pull = known.prior_rows(directions, theta)
     data = matrix @ directions
     whole = np.vstack([data, held])
     target = np.concatenate([residual, pull])
@@ -365,10 +363,9 @@ def free_directions(known: Knowledge, active: NDArray[np.bool_]) -> Array:
 def gradient_share(here: HeldFit, known: Knowledge, active: NDArray[np.bool_]) -> float:
     """Share of the weighted residual (and of the pull of the priors) along the free directions."""
     matrix, residual = here.weighted()
-    prior = np.isfinite(known.spread)
     free = free_directions(known, active)
-    whole = np.vstack([matrix @ free, free[prior] / known.spread[prior, None]])
-    pull = (known.mean - here.theta)[prior] / known.spread[prior]
+    held, pull = known.prior_rows(free, here.theta)
+    whole = np.vstack([matrix @ free, held])
     target = np.concatenate([residual, pull])
     total = float(np.linalg.norm(target))
     if not whole.shape[1] or not total:
