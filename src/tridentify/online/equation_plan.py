@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.numerics.realization import Cascade, cascade, degree_basis, denominator, numerators
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.slots import EXPONENTIAL, triangle_size
@@ -138,9 +137,7 @@ def equation_blueprint(
     return Blueprint(ints, c, plan.at, poles, nuisance)
 
 
-def _write_filter(
-    c: Array, ints: NDArray[np.int64], setting: Setting, bank: Cascade, weights: Array
-) -> None:
+def _write_filter(c: Array, ints: Indices, setting: Setting, bank: Cascade, weights: Array) -> None:
     m, q, n = setting.n_inputs, bank.order, setting.n_poles
     joined = discretize_each(bank, np.array([setting.dt]), "foh")
     at = int(ints[slots.C_OUTPUT])

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Indices
 from tridentify.online.gradient_follow import GradientRule, extra_of, tables_of
 from tridentify.online.gradient_periods import (
     begin_period,
@@ -55,7 +54,7 @@ def launched(
     samples: Array,
     begun_anew: bool,
     full: bool,
-) -> tuple[State, NDArray[np.int64]] | None:
+) -> tuple[State, Indices] | None:
     """The models that begin at what was found, and the flags of the samples; None if unsure."""
     x, stage = state
     setting = stage.setting
@@ -82,7 +81,7 @@ def launched(
 def _replayed(
     method: GradientRule, state: State, basis: Basis, samples: Array, tables: Tables,
     unknowns: Array, noise: Array,
-) -> tuple[State, NDArray[np.int64]]:  # fmt: skip
+) -> tuple[State, Indices]:  # fmt: skip
     """The kept samples on the bank of the model that was found in them, and their flags."""
     old, stage = state
     setting, count = stage.setting, float(len(samples))

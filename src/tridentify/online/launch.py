@@ -6,10 +6,9 @@ from abc import abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import TridentifyError
-from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.numerics.slices import Slices
 from tridentify.online.estimator import Estimator, kept_samples
 from tridentify.online.kernels import slots
@@ -126,7 +125,7 @@ def launching(
     samples: Array,
     noise_std: Array,
     reference: Array,
-) -> Slices[tuple[Launch, NDArray[np.int64]]]:
+) -> Slices[tuple[Launch, Indices]]:
     """The kept samples through the bank of other poles; and their flags."""
     near = admissible(setting, poles, samples)
     blueprint = method.plan(setting, near, nuisance, True)

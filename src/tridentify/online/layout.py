@@ -7,17 +7,14 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.numerics.discretize import Discrete, discretize
 from tridentify.numerics.realization import Cascade, cascade
 from tridentify.numerics.sampled import split_delay
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.slots import scatter_size, triangle_size
 from tridentify.structure import Structure
-
-Ints = NDArray[np.int64]
 
 CHUNK = 64
 """Samples that are kept for one fold into a triangle: blocks of QR are quicker than rotations, and
@@ -130,7 +127,7 @@ class Blueprint:
     nuisance : NuisanceColumns
     """
 
-    ints: Ints
+    ints: Indices
     constants: Array
     size: int
     poles: Complex
@@ -224,7 +221,7 @@ def places_of(
     directions: int,
     chunk: int,
     kind: int,
-) -> tuple[Ints, Places, Places]:
+) -> tuple[Indices, Places, Places]:
     """``ints`` of what all estimators have, and where the vector and the constants go on.
 
     Parameters
@@ -276,7 +273,7 @@ def places_of(
     return ints, plan, constants
 
 
-def filled(size: int, ints: Ints, setting: Setting, poles: Complex, forgetting: float) -> Array:
+def filled(size: int, ints: Indices, setting: Setting, poles: Complex, forgetting: float) -> Array:
     """(size,) constants with those that all estimators have."""
     c = np.zeros(size)
     c[slots.INTERVAL], c[slots.FORGETTING] = setting.dt, forgetting
@@ -315,7 +312,7 @@ def discretize_each(bank: Cascade, intervals: Array, intersample: str) -> Discre
     return Discrete(found.transition, found.from_current[..., 0], found.from_next[..., 0])
 
 
-def fill_inputs(c: Array, ints: Ints, setting: Setting, bank: Cascade, interval: float) -> None:
+def fill_inputs(c: Array, ints: Indices, setting: Setting, bank: Cascade, interval: float) -> None:
     """Transition and taps of a bank for an interval between two samples [s]."""
     q, foh = bank.order, setting.intersample == "foh"
     b = bank.b[:, None]

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.estimation.likelihood.nuisance import Nuisances, build
-from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.online.estimator import Estimator
 from tridentify.online.kernels import gradient_slots, slots
 from tridentify.online.layout import CHUNK, Blueprint, Setting, collecting, fresh, watch_of
@@ -36,7 +35,7 @@ def waiting(method: Estimator, setting: Setting) -> State:
 
 def run_kept(
     method: Estimator, setting: Setting, blueprint: Blueprint, x: Array, samples: Array
-) -> NDArray[np.int64]:
+) -> Indices:
     """Run kept samples through the kernel of a method, events passed over; gives the flags."""
     m = setting.n_inputs
     u = np.ascontiguousarray(samples[:, 1 : 1 + m])
@@ -62,7 +61,7 @@ def run_kept(
     return flags
 
 
-def without(samples: Array, flags: NDArray[np.int64], n_inputs: int) -> Array | None:
+def without(samples: Array, flags: Indices, n_inputs: int) -> Array | None:
     """The samples without the outputs that were found doubtful; None where none was."""
     doubted = (flags & slots.DOUBTED) > 0
     doubted &= np.any(np.isfinite(samples[:, 1 + n_inputs :]), axis=1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import re
 import textwrap
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from tridentify.estimation.answer.content import ROUTES
 from tridentify.estimation.answer.derived import Derived, Row
 from tridentify.estimation.answer.finding import beside_errors
 from tridentify.estimation.answer.parameter import NOT_DETERMINED, Parameter
+from tridentify.numerics.arrays import Array
 from tridentify.writing.layout import (
     format_polynomial,
     format_std,
@@ -28,6 +30,7 @@ _CRITERIA = re.compile(r"(?<=: lowest AICc) \(.*\)| \(of -2 log L: .*\)")
 """Behind a decision: how much worse the other choices are."""
 _WIDTH = 78
 """Characters a line of the summary: fits a terminal of 80."""
+_Fraction = tuple[tuple[str, str], tuple[tuple[Array, Array], ...], float, float]
 _TITLES = ("coefficient", "value", "std error", "95 % from", "to", "unit")
 
 
@@ -153,23 +156,16 @@ class EstimateInWords(Derived):
     def model_text(self) -> str:
         """Each channel as a fraction in s with +/- one standard deviation, at most 78 wide."""
         lines: list[str] = []
-        for i, output in enumerate(self.output_names):
-            for j, input_ in enumerate(self.input_names):
-                num, den, cov = self.channel(i, j)
-                std = np.sqrt(np.maximum(np.diag(cov), 0))
-                n = len(den) - 1
-                below = np.concatenate(([0.0], std[:n]))
-                parts = (format_polynomial(num, std[n:-1]), format_polynomial(den, below))
-                top, bottom = (textwrap.wrap(part, _WIDTH - 2) for part in parts)
-                width = max(map(len, top + bottom))
-                late = format_value(self.model.delay[i, j], std[-1])
-                late = with_error(self.model.delay[i, j], std[-1]) if std[-1] > 0 else late
-                delay = f"exp(-{late} s) x"
-                fraction = [row.center(width) for row in top] + ["-" * width]
-                lines += [""] if lines else []
-                names = " / ".join(short(name, _WIDTH // 3) for name in (output, input_))
-                lines += [f"{names} = {delay if self.model.delay[i, j] else ''}"]
-                lines += ["  " + row for row in fraction + [row.center(width) for row in bottom]]
+        for names, top_and_below, late, error in self._fractions():
+            parts = (format_polynomial(*one) for one in top_and_below)
+            top, bottom = (textwrap.wrap(part, _WIDTH - 2) for part in parts)
+            width = max(map(len, top + bottom))
+            told = with_error(late, error) if error > 0 else format_value(late, error)
+            fraction = [row.center(width) for row in top] + ["-" * width]
+            lines += [""] if lines else []
+            label = " / ".join(short(name, _WIDTH // 3) for name in names)
+            lines += [f"{label} = {f'exp(-{told} s) x' if late else ''}"]
+            lines += ["  " + row for row in fraction + [row.center(width) for row in bottom]]
         return "\n".join(line.rstrip() for line in lines)
 
     def _repr_html_(self) -> str:
@@ -186,17 +182,23 @@ class EstimateInWords(Derived):
     def model_mathml(self) -> str:
         """Every channel as a fraction in MathML, as a notebook shows it."""
         found = []
+        for names, top_and_below, late, error in self._fractions():
+            top, below = (
+                list(zip(value.tolist(), std.tolist(), strict=True)) for value, std in top_and_below
+            )
+            delay = f"exp(-{format_value(late, error)} s) " if late else ""
+            found.append(fraction(" / ".join(names), top, below, delay))
+        return "".join(found)
+
+    def _fractions(self) -> Iterator[_Fraction]:
+        """Names, numerator and denominator with their errors, delay and its error, by channel."""
         for i, output in enumerate(self.output_names):
             for j, input_ in enumerate(self.input_names):
                 num, den, cov = self.channel(i, j)
                 std = np.sqrt(np.maximum(np.diag(cov), 0))
                 n = len(den) - 1
-                top = list(zip(num.tolist(), std[n:-1].tolist(), strict=True))
-                below = list(zip(den.tolist(), [0.0, *std[:n].tolist()], strict=True))
-                late = self.model.delay[i, j]
-                delay = f"exp(-{format_value(late, std[-1])} s) " if late else ""
-                found.append(fraction(f"{output} / {input_}", top, below, delay))
-        return "".join(found)
+                parts = (num, std[n:-1]), (den, np.concatenate(([0.0], std[:n])))
+                yield (output, input_), parts, self.model.delay[i, j], std[-1]
 
 
 def _row(parameter: Parameter, held: str = "") -> tuple[str, ...]:

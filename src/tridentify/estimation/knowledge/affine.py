@@ -21,7 +21,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
 from tridentify.errors import (
     ContradictoryConstraintsError,
@@ -29,7 +28,7 @@ from tridentify.errors import (
     UnsupportedError,
     shown,
 )
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Flags
 from tridentify.structure import Structure
 from tridentify.writing.layout import format_sum
 
@@ -76,7 +75,7 @@ class Knowledge:
     integrators: int
 
     @property
-    def determined(self) -> NDArray[np.bool_]:
+    def determined(self) -> Flags:
         """(p,) which coefficients the equalities determine."""
         return np.asarray(~np.any(self.directions, axis=1))
 

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Indices
 from tridentify.numerics.compiled import compiled
 from tridentify.online.kernels import slots
 
-Ints = NDArray[np.int64]
-
 
 @compiled("boolean(int64[::1], float64[::1], float64[::1], int64)", inline=True)
-def die_away(ints: Ints, c: Array, x: Array, at: int) -> bool:
+def die_away(ints: Indices, c: Array, x: Array, at: int) -> bool:
     """The states at ``at``, after an impulse at the beginning; whether they are nothing from now.
 
     The impulse acts once all inputs have arrived; the states are left alone once ``FIRST`` says
@@ -45,7 +40,7 @@ def die_away(ints: Ints, c: Array, x: Array, at: int) -> bool:
 
 
 @compiled("void(int64[::1], float64[::1], float64[::1], int64)", inline=True)
-def drive(ints: Ints, c: Array, x: Array, first: int) -> None:
+def drive(ints: Indices, c: Array, x: Array, first: int) -> None:
     """The states at ``first``, input after input, at the sample whose inputs were taken in."""
     m, q, upper = ints[slots.INPUTS], ints[slots.ORDER], ints[slots.UPPER]
     f, work = ints[slots.C_STEP], ints[slots.AT_WORK]

@@ -16,9 +16,8 @@ y_k`` is known, and the value that makes it zero is put into the filter.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Indices
 from tridentify.numerics.compiled import compiled
 from tridentify.numerics.recursive import correct, drift, predict, solve_triangle
 from tridentify.online.kernels import slots
@@ -34,11 +33,9 @@ from tridentify.online.kernels.intake import (
     watch,
 )
 
-Ints = NDArray[np.int64]
-
 
 @compiled("void(int64[::1], float64[::1], float64[::1])", inline=True)
-def advance_inputs(ints: Ints, c: Array, x: Array) -> None:
+def advance_inputs(ints: Indices, c: Array, x: Array) -> None:
     """The filter driven by the impulse at the beginning and by the inputs."""
     if ints[slots.FREE] and die_away(ints, c, x, ints[slots.AT_IMPULSE]):
         x[slots.FIRST] = float(ints[slots.ORDER] * ints[slots.OUTPUTS])
@@ -47,7 +44,7 @@ def advance_inputs(ints: Ints, c: Array, x: Array) -> None:
 
 
 @compiled("void(int64[::1], float64[::1], float64[::1], int64)", inline=True)
-def free_motion(ints: Ints, c: Array, x: Array, i: int) -> None:
+def free_motion(ints: Indices, c: Array, x: Array, i: int) -> None:
     """The filter of an output up to the newest sample, which is still to be added."""
     if x[slots.SINCE] == 0.0:
         return
@@ -71,7 +68,7 @@ def free_motion(ints: Ints, c: Array, x: Array, i: int) -> None:
 
 
 @compiled("void(int64[::1], float64[::1], float64[::1], int64, float64)", inline=True)
-def add_newest(ints: Ints, c: Array, x: Array, i: int, y: float) -> None:
+def add_newest(ints: Indices, c: Array, x: Array, i: int, y: float) -> None:
     """The share of the newest sample in the filter of an output."""
     if x[slots.SINCE] == 0.0:
         return
@@ -82,7 +79,7 @@ def add_newest(ints: Ints, c: Array, x: Array, i: int, y: float) -> None:
 
 
 @compiled("float64(int64[::1], float64[::1], float64[::1], int64, float64)", inline=True)
-def build_row(ints: Ints, c: Array, x: Array, i: int, y: float) -> float:
+def build_row(ints: Indices, c: Array, x: Array, i: int, y: float) -> float:
     """Write the row of an output; gives its target."""
     m, p, q, n = ints[slots.INPUTS], ints[slots.OUTPUTS], ints[slots.ORDER], ints[slots.COLUMNS]
     row, basis = ints[slots.AT_ROW], ints[slots.C_BASIS]
@@ -141,7 +138,7 @@ def build_row(ints: Ints, c: Array, x: Array, i: int, y: float) -> float:
 
 
 @compiled("float64(int64[::1], float64[::1], float64[::1], int64)")
-def slope(ints: Ints, c: Array, x: Array, theta: int) -> float:
+def slope(ints: Indices, c: Array, x: Array, theta: int) -> float:
     """``d eps / d y_k`` of the newest sample."""
     m, p, q = ints[slots.INPUTS], ints[slots.OUTPUTS], ints[slots.ORDER]
     g, basis = ints[slots.C_OUTPUT] + q, ints[slots.C_BASIS]
@@ -156,7 +153,7 @@ def slope(ints: Ints, c: Array, x: Array, theta: int) -> float:
 
 
 @compiled("float64(int64[::1], float64[::1], float64[::1], int64, float64)")
-def filtered(ints: Ints, c: Array, x: Array, w: int, y: float) -> float:
+def filtered(ints: Indices, c: Array, x: Array, w: int, y: float) -> float:
     """One row into the Kalman filter, unless it is doubtful; gives the innovation."""
     n, row, work = ints[slots.COLUMNS], ints[slots.AT_ROW], ints[slots.AT_WORK]
     theta, at = ints[slots.AT_THETA], ints[slots.AT_COVARIANCE]
@@ -185,7 +182,7 @@ def filtered(ints: Ints, c: Array, x: Array, w: int, y: float) -> float:
 
 
 @compiled("float64(int64[::1], float64[::1], float64[::1], float64)", value=True)
-def equation_step(ints: Ints, c: Array, x: Array, interval: float) -> float:
+def equation_step(ints: Indices, c: Array, x: Array, interval: float) -> float:
     """One sample, which stands in the inbox; gives the innovation of the first output."""
     take_in(ints, c, x, interval)
     m, p = ints[slots.INPUTS], ints[slots.OUTPUTS]

@@ -19,9 +19,8 @@ input that has become larger, divides the step; a smaller one does not multiply 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Indices
 from tridentify.numerics.compiled import compiled
 from tridentify.numerics.recursive import along, descend
 from tridentify.online.kernels import gradient_slots as places
@@ -37,9 +36,6 @@ from tridentify.online.kernels.intake import (
     watch,
 )
 from tridentify.online.kernels.parallel import advance, complete_row
-
-Ints = NDArray[np.int64]
-
 
 stride_of = compiled("int64(int64[::1])")(places.fits_stride)
 
@@ -124,7 +120,7 @@ def move(
 
 
 @compiled("float64(int64[::1], float64[::1], float64[::1], int64, int64, int64, float64)")
-def adapt(ints: Ints, c: Array, x: Array, output: int, n: int, first: int, step: float) -> float:
+def adapt(ints: Indices, c: Array, x: Array, output: int, n: int, first: int, step: float) -> float:
     """Steps 1 and 3 for one output, unless its sample is doubtful; gives the innovation."""
     k1, k3, row = ints[places.PARALLEL_UNKNOWNS], ints[places.SERIES_UNKNOWNS], ints[slots.AT_ROW]
     w = ints[slots.AT_WATCH] + output * ints[slots.WATCH]
@@ -173,7 +169,7 @@ def adapt(ints: Ints, c: Array, x: Array, output: int, n: int, first: int, step:
 
 
 @compiled("void(int64[::1], float64[::1], float64[::1], int64)")
-def answers(ints: Ints, c: Array, x: Array, at: int) -> None:
+def answers(ints: Indices, c: Array, x: Array, at: int) -> None:
     """How the filter answers to each of the states that a model's output may hold."""
     q, d, kept, row = ints[slots.ORDER], ints[places.ANSWERS], ints[places.KEPT], ints[slots.AT_ROW]
     for channel in range(ints[slots.INPUTS] + ints[slots.FREE]):
@@ -189,7 +185,7 @@ def answers(ints: Ints, c: Array, x: Array, at: int) -> None:
 
 @compiled("void(int64[::1], float64[::1], float64[::1], int64, int64, int64, float64, int64)")
 def second(
-    ints: Ints, c: Array, x: Array, output: int, n: int, first: int, step: float, answer: int
+    ints: Indices, c: Array, x: Array, output: int, n: int, first: int, step: float, answer: int
 ) -> None:
     """Step 2 on the output of the series model, or of the parallel one before there is another."""
     k1, k3, row = ints[places.PARALLEL_UNKNOWNS], ints[places.SERIES_UNKNOWNS], ints[slots.AT_ROW]
@@ -248,7 +244,7 @@ def second(
 
 
 @compiled("void(int64[::1], float64[::1], int64)")
-def gather(ints: Ints, x: Array, n: int) -> None:
+def gather(ints: Indices, x: Array, n: int) -> None:
     """Sum of the unknowns of Step 2."""
     unknowns = ints[places.POLES] + ints[slots.OUTPUTS] * ints[places.OWN]
     at = ints[places.X_SECOND]
@@ -258,7 +254,7 @@ def gather(ints: Ints, x: Array, n: int) -> None:
 
 
 @compiled("void(int64[::1], float64[::1], float64[::1], int64)")
-def moments(ints: Ints, c: Array, x: Array, n: int) -> None:
+def moments(ints: Indices, c: Array, x: Array, n: int) -> None:
     """Running mean of ``z z'``, its lower triangle."""
     row, at = ints[slots.AT_ROW], ints[places.X_MOMENTS]
     x[places.MOMENTS] += 1.0
@@ -272,7 +268,7 @@ def moments(ints: Ints, c: Array, x: Array, n: int) -> None:
 
 
 @compiled("float64(int64[::1], float64[::1], float64[::1], float64)", value=True)
-def gradient_step(ints: Ints, c: Array, x: Array, interval: float) -> float:
+def gradient_step(ints: Indices, c: Array, x: Array, interval: float) -> float:
     """One sample, which stands in the inbox; gives the innovation of the first output."""
     take_in(ints, c, x, interval)
     if ints[slots.COLLECTING]:

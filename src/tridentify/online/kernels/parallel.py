@@ -13,20 +13,17 @@ inputs themselves, a one and the time. Each output has a triangle of its own.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Indices
 from tridentify.numerics.compiled import compiled
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.absorb import absorb
 from tridentify.online.kernels.advance import die_away, drive
 from tridentify.online.kernels.intake import count, nothing_told, take_in
 
-Ints = NDArray[np.int64]
-
 
 @compiled("void(int64[::1], float64[::1], float64[::1])", inline=True)
-def advance(ints: Ints, c: Array, x: Array) -> None:
+def advance(ints: Indices, c: Array, x: Array) -> None:
     """The states of the bank at the sample whose input was taken in."""
     q, row = ints[slots.ORDER], ints[slots.AT_ROW]
     if ints[slots.FREE] and die_away(ints, c, x, row):
@@ -38,7 +35,7 @@ def advance(ints: Ints, c: Array, x: Array) -> None:
 
 
 @compiled("void(int64[::1], float64[::1], float64[::1])", inline=True)
-def complete_row(ints: Ints, c: Array, x: Array) -> None:
+def complete_row(ints: Indices, c: Array, x: Array) -> None:
     """The inputs as they arrive, the constant and the time behind the states."""
     m, q = ints[slots.INPUTS], ints[slots.ORDER]
     at = ints[slots.AT_ROW] + q * (m + ints[slots.FREE])
@@ -55,7 +52,7 @@ def complete_row(ints: Ints, c: Array, x: Array) -> None:
 
 
 @compiled("float64(int64[::1], float64[::1], float64[::1], float64)", value=True)
-def parallel_step(ints: Ints, c: Array, x: Array, interval: float) -> float:
+def parallel_step(ints: Indices, c: Array, x: Array, interval: float) -> float:
     """One sample, which stands in the inbox; gives the innovation of the first output."""
     take_in(ints, c, x, interval)
     if ints[slots.COLLECTING]:

@@ -47,7 +47,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import (
     UnsupportedOrderError,
@@ -58,7 +57,7 @@ from tridentify.estimation.likelihood.problem import Problem
 from tridentify.estimation.methods.filtered.filter_cascade import Filter
 from tridentify.models.regression import Experiment, Layout, Regression, regress
 from tridentify.models.response import ColumnBlocks, Response
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Indices
 from tridentify.numerics.discretize import discretize
 from tridentify.numerics.least_squares import solve
 from tridentify.numerics.propagate import propagate
@@ -163,7 +162,7 @@ class Equation(NamedTuple):
     target: Array
     instruments: Array
     width: dict[object, slice]
-    owner: NDArray[np.int64]
+    owner: Indices
 
 
 def equation(
