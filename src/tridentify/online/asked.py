@@ -82,6 +82,20 @@ def is_number(value: object) -> bool:
     return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
 
 
+def check_above_zero(name: str, value: object, unit: str) -> None:
+    """Refuse what is neither left out nor a finite number above zero.
+
+    Raises
+    ------
+    OptionError
+    """
+    if value is not None and not (is_number(value) and 0.0 < float(value) < np.inf):  # type: ignore[arg-type]
+        raise OptionError(
+            f"found {name}={shown(value)}; expected a number above zero, in {unit}; leave it out "
+            "or correct it"
+        )
+
+
 def not_ready(count: int, what: str) -> NotReadyError:
     """The error that says so, with what to do."""
     return NotReadyError(

@@ -70,13 +70,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from tridentify.errors import OptionError, shown
+from tridentify.errors import OptionError
 from tridentify.estimation.answer.estimate import Estimate, Status, Trace
+from tridentify.estimation.methods.base import check_count
 from tridentify.estimation.methods.filtered.filter_cascade import checked_filter
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.slices import Slices
 from tridentify.numerics.threads import one_blas_thread
-from tridentify.online.asked import check_choice, not_ready, refuse_drift
+from tridentify.online.asked import check_above_zero, check_choice, not_ready, refuse_drift
 from tridentify.online.estimator import CompiledKernels, check_asked, kept_samples
 from tridentify.online.findings import noise_finding, with_findings
 from tridentify.online.gradient_follow import (
@@ -207,14 +208,9 @@ class Gradient(GradientRule):
         return CompiledKernels(gradient_step)
 
     def __post_init__(self) -> None:
-        _check_above_zero("rate", self.rate, "1/s")
-        _check_above_zero("gamma", self.gamma, "rad/s")
-        whole = isinstance(self.n_operators, int) and not isinstance(self.n_operators, bool)
-        if not whole or self.n_operators < 1:
-            raise OptionError(
-                f"found n_operators={shown(self.n_operators)}; expected a whole number above zero; "
-                "correct it"
-            )
+        check_above_zero("rate", self.rate, "1/s")
+        check_above_zero("gamma", self.gamma, "rad/s")
+        check_count("n_operators", self.n_operators)
         object.__setattr__(self, "filter", checked_filter(self.filter))
         object.__setattr__(self, "start", checked_start(self.start))
         check_choice("on_change", self.on_change, ("restart", "flag"))
@@ -423,15 +419,6 @@ def _searching(
             break
         samples = cleaned
     return answer
-
-
-def _check_above_zero(name: str, value: object, unit: str) -> None:
-    number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
-    if value is not None and not (number and 0.0 < float(value) < np.inf):  # type: ignore[arg-type]
-        raise OptionError(
-            f"found {name}={shown(value)}; expected a number above zero, in {unit}; leave it out "
-            "or correct it"
-        )
 
 
 __all__: Sequence[str] = ("Gradient",)

@@ -53,11 +53,17 @@ from typing import ClassVar
 
 import numpy as np
 
-from tridentify.errors import OptionError, TridentifyError, shown
+from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.methods.base import check_count
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.threads import one_blas_thread
-from tridentify.online.asked import check_choice, check_forgetting, is_number, not_ready
+from tridentify.online.asked import (
+    check_above_zero,
+    check_choice,
+    check_forgetting,
+    not_ready,
+)
 from tridentify.online.estimator import CompiledKernels, check_asked, kept_samples
 from tridentify.online.findings import with_findings
 from tridentify.online.follow import Turn, following, turned
@@ -179,17 +185,8 @@ class ThreeModel(Planner):
         check_choice("forget", self.forget, tuple(KINDS))
         check_choice("on_change", self.on_change, ("restart", "flag"))
         object.__setattr__(self, "start", checked_start(self.start))
-        whole = isinstance(self.samples, int) and not isinstance(self.samples, bool)
-        if not whole or self.samples < LEAST_SAMPLES:
-            raise OptionError(
-                f"found samples={shown(self.samples)}; expected a whole number of at least "
-                f"{LEAST_SAMPLES}; leave it out or correct it"
-            )
-        if self.clock is not None and not (is_number(self.clock) and 0.0 < self.clock < np.inf):
-            raise OptionError(
-                f"found clock={shown(self.clock)}; expected a time above zero, in seconds; leave "
-                "it out or correct it"
-            )
+        check_count("samples", self.samples, LEAST_SAMPLES)
+        check_above_zero("clock", self.clock, "seconds")
 
     def begin(self, setting: Setting) -> State:
         """The state before the first sample."""

@@ -291,7 +291,7 @@ class Structure(Orders):
         return bool(self.known) or self.static_gain is not None
 
     @property
-    def free(self) -> Structure:
+    def unconstrained(self) -> Structure:
         """The same with nothing known of the coefficients."""
         return replace(
             self, fixed=None, bounds=None, equalities=None, priors=None, static_gain=None

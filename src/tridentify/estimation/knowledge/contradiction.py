@@ -155,7 +155,7 @@ def _free_maximum(
     patience: Patience,
 ) -> ConstrainedEnd | None:
     """The free minimum of the same cost, or None where there is none to compare with."""
-    open_ = known_of(structure.free, record.input_names, record.output_names, scale)
+    open_ = known_of(structure.unconstrained, record.input_names, record.output_names, scale)
     starts = [seeds[0], within.fit.theta]
     ends = [
         descend(problem, open_, theta, patience)

@@ -25,7 +25,7 @@ def seen(
     for a start otherwise.
     """
     k = known.integrators
-    plain = structure.free
+    plain = structure.unconstrained
     if not k:
         return list(records), plain
     n = known.n_poles - k
