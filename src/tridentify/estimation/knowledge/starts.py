@@ -270,7 +270,8 @@ def _parallel(here: Denominator) -> tuple[Response, Array]:
     for i in range(problem.n_outputs):
         counts = sum(regression.counts[i] for regression in here.regressions)
         columns = _parallel_columns(here, i, select)
-        solution = solve(*columns.assemble())
+        matrix, target = columns.assemble()
+        solution = solve(np.ascontiguousarray(matrix), np.ascontiguousarray(target))
         variance[i] = solution.cost / counts + 1e-30 * problem.power[i]
         at = 0
         for j, m in enumerate(problem.n_zeros[i]):
