@@ -6,12 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tridentify.errors import (
-    OptionError,
-    UndeterminedError,
-    UnsupportedError,
-    shown,
-)
+from tridentify.errors import OptionError, UndeterminedError, UnsupportedError, shown
 from tridentify.online.layout import Setting
 from tridentify.online.state import State
 

@@ -58,12 +58,7 @@ from tridentify.online.layout import (
 )
 from tridentify.online.result import assembled
 from tridentify.online.scatter import widened, with_scatter
-from tridentify.online.search import (
-    FoundPoles,
-    clean_search,
-    filter_poles,
-    poles_of_start,
-)
+from tridentify.online.search import FoundPoles, clean_search, filter_poles, poles_of_start
 from tridentify.online.starting import (
     admissible,
     advanced,

@@ -101,21 +101,10 @@ from tridentify.online.gradient_periods import (
     used_of,
 )
 from tridentify.online.gradient_plan import Basis, plan
-from tridentify.online.gradient_vector import (
-    moments_of,
-    noise_of,
-    put_unknowns,
-    signals_of,
-)
+from tridentify.online.gradient_vector import moments_of, noise_of, put_unknowns, signals_of
 from tridentify.online.kernels import gradient_slots as places
 from tridentify.online.kernels import slots
-from tridentify.online.layout import (
-    Blueprint,
-    NuisanceColumns,
-    Setting,
-    collecting,
-    fresh,
-)
+from tridentify.online.layout import Blueprint, NuisanceColumns, Setting, collecting, fresh
 from tridentify.online.result import assembled
 from tridentify.online.search import (
     FoundPoles,
@@ -126,14 +115,7 @@ from tridentify.online.search import (
     poles_of_start,
     searching,
 )
-from tridentify.online.starting import (
-    advanced,
-    again,
-    idle,
-    shortened,
-    waiting,
-    without,
-)
+from tridentify.online.starting import advanced, again, idle, shortened, waiting, without
 from tridentify.online.state import Stage, State
 from tridentify.online.suspecting import MOST_KEPT
 from tridentify.online.task import Task

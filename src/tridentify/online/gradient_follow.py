@@ -33,9 +33,7 @@ from tridentify.online.gradient_vector import (
 )
 from tridentify.online.kernels import gradient_slots as places
 from tridentify.online.kernels import slots
-from tridentify.online.layout import (
-    Blueprint,
-)
+from tridentify.online.layout import Blueprint
 from tridentify.online.state import Stage, State
 from tridentify.online.summary import carried
 from tridentify.online.suspecting import Suspecting

@@ -15,30 +15,12 @@ from tridentify.online.gradient_periods import (
     fitted_to,
 )
 from tridentify.online.gradient_plan import Basis, Tables, plan
-from tridentify.online.gradient_vector import (
-    put_unknowns,
-    refer,
-    still_series,
-    write_moments,
-)
+from tridentify.online.gradient_vector import put_unknowns, refer, still_series, write_moments
 from tridentify.online.kernels import gradient_slots as places
 from tridentify.online.kernels import slots
-from tridentify.online.layout import (
-    NuisanceColumns,
-    Setting,
-    constants_for,
-    fresh,
-    watch_of,
-)
-from tridentify.online.search import (
-    FoundPoles,
-)
-from tridentify.online.starting import (
-    admissible,
-    calm,
-    run_kept,
-    take_clocks,
-)
+from tridentify.online.layout import NuisanceColumns, Setting, constants_for, fresh, watch_of
+from tridentify.online.search import FoundPoles
+from tridentify.online.starting import admissible, calm, run_kept, take_clocks
 from tridentify.online.state import Stage, State
 from tridentify.online.suspecting import MOST_KEPT
 

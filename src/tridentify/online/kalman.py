@@ -15,13 +15,8 @@ from tridentify.online.asked import check_choice
 from tridentify.online.equation import EquationError, unknowns_of
 from tridentify.online.equation_plan import equation_blueprint, maps_of
 from tridentify.online.kernels import slots
-from tridentify.online.layout import (
-    Blueprint,
-    Setting,
-)
-from tridentify.online.search import (
-    checked_start,
-)
+from tridentify.online.layout import Blueprint, Setting
+from tridentify.online.search import checked_start
 from tridentify.online.state import State
 from tridentify.transfer_function import TransferFunction
 

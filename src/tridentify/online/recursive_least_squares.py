@@ -11,13 +11,8 @@ from tridentify.online.asked import check_choice, check_forgetting
 from tridentify.online.equation import EquationError
 from tridentify.online.equation_plan import equation_blueprint
 from tridentify.online.kernels.slots import DIRECTIONAL, EXPONENTIAL, RESETTING
-from tridentify.online.layout import (
-    Blueprint,
-    Setting,
-)
-from tridentify.online.search import (
-    checked_start,
-)
+from tridentify.online.layout import Blueprint, Setting
+from tridentify.online.search import checked_start
 from tridentify.transfer_function import TransferFunction
 
 KINDS = {"exponential": EXPONENTIAL, "directional": DIRECTIONAL, "resetting": RESETTING}

@@ -12,11 +12,7 @@ from tridentify.estimation.answer.assemble import Request, assemble
 from tridentify.estimation.answer.estimate import Estimate, Status, Step, Trace
 from tridentify.estimation.likelihood.answer import Ending, solved_at
 from tridentify.estimation.likelihood.cost import Point, evaluate_variant
-from tridentify.estimation.likelihood.levenberg_marquardt import (
-    Recorder,
-    criterion,
-    finishing,
-)
+from tridentify.estimation.likelihood.levenberg_marquardt import Recorder, criterion, finishing
 from tridentify.estimation.likelihood.linear_columns import linear_blocks
 from tridentify.estimation.likelihood.nuisance import Nuisances
 from tridentify.estimation.likelihood.problem import Problem, Variant

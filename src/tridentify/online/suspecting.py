@@ -22,13 +22,7 @@ from tridentify.online.estimator import Estimator, kept_samples
 from tridentify.online.kernels import slots
 from tridentify.online.scatter import wonted
 from tridentify.online.search import FoundPoles, first_try
-from tridentify.online.starting import (
-    advanced,
-    calm,
-    idle,
-    roomed,
-    told_changed,
-)
+from tridentify.online.starting import advanced, calm, idle, roomed, told_changed
 from tridentify.online.state import Stage, State
 from tridentify.online.suspicion import DOUBTED, TRIED, Old, packed, unpacked
 from tridentify.online.task import Task

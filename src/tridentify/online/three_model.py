@@ -58,12 +58,7 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.methods.base import check_count
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.threads import one_blas_thread
-from tridentify.online.asked import (
-    check_above_zero,
-    check_choice,
-    check_forgetting,
-    not_ready,
-)
+from tridentify.online.asked import check_above_zero, check_choice, check_forgetting, not_ready
 from tridentify.online.estimator import CompiledKernels, check_asked, kept_samples
 from tridentify.online.findings import with_findings
 from tridentify.online.follow import Turn, following, turned

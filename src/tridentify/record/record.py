@@ -20,11 +20,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tridentify.errors import (
-    SampleTypeError,
-    SamplingError,
-    shown,
-)
+from tridentify.errors import SampleTypeError, SamplingError, shown
 from tridentify.numerics.arrays import Array
 from tridentify.record.checks.rates import merge_rates
 from tridentify.record.checks.references import (
@@ -45,10 +41,7 @@ from tridentify.record.checks.samples import (
     checked_units,
     sample_array,
 )
-from tridentify.record.checks.times import (
-    instant,
-    time_axis,
-)
+from tridentify.record.checks.times import instant, time_axis
 from tridentify.record.in_words import RecordInWords
 from tridentify.record.resampled import Resampled
 from tridentify.record.selected import Selected

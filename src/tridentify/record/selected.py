@@ -10,13 +10,7 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tridentify.errors import (
-    EmptyRangeError,
-    OptionError,
-    SampleTypeError,
-    ShapeError,
-    shown,
-)
+from tridentify.errors import EmptyRangeError, OptionError, SampleTypeError, ShapeError, shown
 from tridentify.record.checks.samples import check_band_limited, chosen_channels, sample_array
 from tridentify.record.checks.times import instant, sample_range, time_slack, uniform_step
 from tridentify.record.samples import Samples

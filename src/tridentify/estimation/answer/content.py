@@ -9,10 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from tridentify.errors import DataError, ParameterNameError, ShapeError, shown
-from tridentify.estimation.answer.encoding import (
-    LEFT_OUT,
-    check_route,
-)
+from tridentify.estimation.answer.encoding import LEFT_OUT, check_route
 from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.answer.loop_taken import LoopTaken
 from tridentify.estimation.answer.parameter import Nuisance

@@ -13,9 +13,7 @@ from tridentify.estimation.answer.parameter import Parameter
 from tridentify.numerics import delta_method
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.root_draws import pole_values
-from tridentify.writing.layout import (
-    unit_ratio,
-)
+from tridentify.writing.layout import unit_ratio
 
 Row = tuple[str, float, float, str]
 HELD = 1e-17

@@ -34,9 +34,7 @@ from tridentify.estimation.answer.trace import Pass, Start, Status, Step, Trace
 from tridentify.numerics.arrays import Array
 from tridentify.record.checks.samples import checked_units
 from tridentify.record.record import Record, in_memory
-from tridentify.writing.layout import (
-    format_value,
-)
+from tridentify.writing.layout import format_value
 from tridentify.writing.views import EstimateViews
 
 __all__ = ["Estimate", "Nuisance", "Parameter", "Pass", "Start", "Status", "Step", "Trace"]

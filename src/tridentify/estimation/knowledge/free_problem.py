@@ -7,9 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tridentify.estimation.knowledge.affine import (
-    Knowledge,
-)
+from tridentify.estimation.knowledge.affine import Knowledge
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 from tridentify.structure import Structure

@@ -6,9 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tridentify.estimation.knowledge.affine import (
-    Knowledge,
-)
+from tridentify.estimation.knowledge.affine import Knowledge
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 from tridentify.structure import Structure

@@ -25,11 +25,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tridentify.errors import (
-    DataError,
-    IdentifiabilityError,
-    OptionError,
-)
+from tridentify.errors import DataError, IdentifiabilityError, OptionError
 from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Start, Step, Trace
 from tridentify.estimation.likelihood.answer import Ending, estimate_from

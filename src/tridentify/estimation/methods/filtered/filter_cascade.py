@@ -7,11 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from tridentify.errors import (
-    OptionError,
-    ScaleError,
-    shown,
-)
+from tridentify.errors import OptionError, ScaleError, shown
 from tridentify.models.regression import Experiment
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.realization import (

@@ -48,9 +48,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tridentify.errors import (
-    UnsupportedOrderError,
-)
+from tridentify.errors import UnsupportedOrderError
 from tridentify.estimation.likelihood.curvature import SINGULAR
 from tridentify.estimation.likelihood.held_model import HeldModel
 from tridentify.estimation.likelihood.problem import Problem
@@ -61,13 +59,7 @@ from tridentify.numerics.arrays import Array, Indices
 from tridentify.numerics.discretize import discretize
 from tridentify.numerics.least_squares import solve
 from tridentify.numerics.propagate import propagate
-from tridentify.numerics.realization import (
-    Cascade,
-    cascade,
-    filter_map,
-    roots_of,
-    sort_poles,
-)
+from tridentify.numerics.realization import Cascade, cascade, filter_map, roots_of, sort_poles
 
 TINY = 1e-300
 """Keeps the inverse root of the power of an output of nothing finite: near the smallest double."""

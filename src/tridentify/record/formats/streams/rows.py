@@ -44,13 +44,7 @@ from tridentify.record.formats.streams.blocks import (
 )
 from tridentify.record.formats.streams.header import Asked, HeaderColumns, find_columns
 from tridentify.record.formats.streams.lines import LONGEST_LINE, WholeLines
-from tridentify.record.formats.streams.read_rows import (
-    AROUND,
-    BadLine,
-    BadLineError,
-    Rows,
-    decoded,
-)
+from tridentify.record.formats.streams.read_rows import AROUND, BadLine, BadLineError, Rows, decoded
 from tridentify.record.formats.text_opening import COMMENTS
 from tridentify.record.formats.title_lines import best_separator
 
