@@ -10,7 +10,7 @@ import numpy as np
 from tridentify.errors import TridentifyError
 from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.numerics.slices import Slices
-from tridentify.online.estimator import Estimator, kept_samples
+from tridentify.online.estimator import Estimator
 from tridentify.online.kernels import slots
 from tridentify.online.layout import (
     Blueprint,
@@ -216,8 +216,3 @@ def is_certain(
         return False
     judged = judged_poles(found, setting)
     return judged is not None and judged.certain
-
-
-def all_but(state: State, count: int) -> Array:
-    """The kept samples but for the first ``count``."""
-    return kept_samples(state)[count:]

@@ -64,14 +64,7 @@ from tridentify.online.findings import with_findings
 from tridentify.online.follow import Turn, following, turned
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.slots import DIRECTIONAL, EXPONENTIAL
-from tridentify.online.launch import (
-    Launch,
-    Planner,
-    all_but,
-    launched,
-    reference_of,
-    searching_launch,
-)
+from tridentify.online.launch import Launch, Planner, launched, reference_of, searching_launch
 from tridentify.online.layout import (
     Blueprint,
     NuisanceColumns,
@@ -397,10 +390,9 @@ class ThreeModel(Planner):
         if x[slots.WORK_DONE]:
             found = (stage.task or self._task(state)).result()
             if isinstance(found, Launch):
+                rest = kept_samples(state)[len(found.samples) :]
                 with one_blas_thread():
-                    return launched(
-                        self, State(x.copy(), stage), found, all_but(state, len(found.samples))
-                    )
+                    return launched(self, State(x.copy(), stage), found, rest)
         raise not_ready(int(x[slots.COUNT]), "are still searched for a model")
 
     # ---------------------------------------------------------------------------- the slow clock

@@ -15,13 +15,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tridentify.errors import SampleTypeError, SamplingError, shown
-from tridentify.numerics.arrays import Array
 from tridentify.record.checks.rates import merge_rates
 from tridentify.record.checks.references import (
     check_shared,
@@ -189,21 +188,6 @@ class Record(Selected, Resampled, RecordInWords, RecordViews, Pointers):
             reference=driven,
             reference_names=names_ref,
             reference_intersample=between,
-        )
-
-    def _resampled(
-        self, t: Array, u: Array, y: Array, intersample: Intersample, loop: Mapping[str, Any]
-    ) -> Self:
-        return type(self)(
-            u,
-            y,
-            t=t,
-            intersample=intersample,
-            **loop,
-            input_names=self.input_names,
-            output_names=self.output_names,
-            units=self.units,
-            name=self.name,
         )
 
     @classmethod

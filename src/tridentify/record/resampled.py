@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Any, Self
 
@@ -23,11 +22,23 @@ MOST_SAMPLES = 20_000_000
 class Resampled(Samples):
     """The verbs of a `Record` that change its times."""
 
-    @abstractmethod
     def _resampled(
         self, t: Array, u: Array, y: Array, intersample: Intersample, loop: Mapping[str, Any]
     ) -> Self:
         """A record of other samples of the same channels; ``loop`` is its reference."""
+        kind: Any = type(self)
+        made: Self = kind(
+            u,
+            y,
+            t=t,
+            intersample=intersample,
+            **loop,
+            input_names=self.input_names,
+            output_names=self.output_names,
+            units=self.units,
+            name=self.name,
+        )
+        return made
 
     def resample(self, dt: float) -> Self:
         """Keep every k-th sample, or interpolate a record that is not uniform onto a uniform grid.
