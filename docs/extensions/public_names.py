@@ -21,6 +21,8 @@ OPTIONS = {
     "autoexception": "   :members:",
     "autodata": "   :no-value:",
 }
+IN_SEVERAL_FILES = ("Estimate", "Record", "Structure")
+"""Classes whose members stand in several files of their room: those count as their own."""
 _REFERENCE = re.compile(r"\s*\.\. \[(\d+)\] (.+)")
 _RAISED = re.compile(r"(:Raises: (?:\* )?|\s*\* )\*\*((?:[A-Z]\w+(?:Error|Warning)(?:, )?)+)\*\*")
 _ALIAS = re.compile(r"TypeAliasForwardRef\('(\w+)'\)")
@@ -32,6 +34,12 @@ def directive_of(thing: object) -> str:
     if inspect.isclass(thing):
         return "autoexception" if issubclass(thing, BaseException) else "autoclass"
     return "autofunction" if inspect.isroutine(thing) else "autodata"
+
+
+def others(kind: type) -> list[str]:
+    """Ancestors of a class that do not stand in its room."""
+    room = kind.__module__.rpartition(".")[0]
+    return [one.__name__ for one in kind.__mro__ if one.__module__.rpartition(".")[0] != room]
 
 
 class PublicNames(SphinxDirective):
@@ -54,6 +62,8 @@ class PublicNames(SphinxDirective):
             kind = directive_of(getattr(module, found))
             lines += ["", f".. {kind}:: {found}"]
             lines += [OPTIONS[kind]] if kind in OPTIONS else []
+            if found in IN_SEVERAL_FILES:
+                lines.append(f"   :inherited-members: {', '.join(others(getattr(module, found)))}")
         return self.parse_text_to_nodes("\n".join([*lines, "```"]))
 
 

@@ -8,8 +8,8 @@ import pytest
 from tridentify import Record, Structure, SvfLeastSquares, TransferFunction, identify, simulate
 from tridentify import errors as err
 from tridentify.estimation.methods.filtered.asymptotic_bias import asymptotic_bias
+from tridentify.estimation.methods.filtered.filter_cascade import filter_cascade
 from tridentify.estimation.methods.filtered.noise_through_filters import FilterColumns
-from tridentify.estimation.methods.filtered.state_variable_filters import filter_cascade
 
 pytestmark = pytest.mark.unjudged
 

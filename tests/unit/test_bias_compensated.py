@@ -19,11 +19,9 @@ from tridentify import errors as err
 from tridentify.estimation.likelihood.nuisance import build, candidates
 from tridentify.estimation.methods.filtered.asymptotic_bias import asymptotic_bias
 from tridentify.estimation.methods.filtered.bias_compensated_least_squares import smallest_pair
+from tridentify.estimation.methods.filtered.filter_cascade import filter_cascade
 from tridentify.estimation.methods.filtered.noise_through_filters import separate
-from tridentify.estimation.methods.filtered.state_variable_filters import (
-    filter_cascade,
-    with_filtered,
-)
+from tridentify.estimation.methods.filtered.state_variable_filters import with_filtered
 
 pytestmark = pytest.mark.unjudged
 

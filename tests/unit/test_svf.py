@@ -20,9 +20,9 @@ from tridentify import (
 )
 from tridentify.errors import DependentInputsError, OptionError, UnsupportedError
 from tridentify.estimation.likelihood.nuisance import build, candidates
+from tridentify.estimation.methods.filtered.filter_cascade import filter_cascade
 from tridentify.estimation.methods.filtered.state_variable_filters import (
     backward,
-    filter_cascade,
     filtered_outputs,
     fit,
     unreduced,

@@ -19,13 +19,7 @@ from typing import Protocol
 
 import numpy as np
 
-from tridentify.models.regression import (
-    LONG_BLOCK,
-    NEGLIGIBLE,
-    Experiment,
-    Layout,
-    Regression,
-)
+from tridentify.models.regression import LONG_BLOCK, NEGLIGIBLE, Experiment, Layout, Regression
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import Whitener
 from tridentify.numerics.least_squares import Accumulator

@@ -147,50 +147,34 @@ def expanded_numerators(
 
 
 @compiled(
-    "(float64[:,:,::1], int64[:,::1], float64[:,:,::1], int64, boolean, int64[::1], int64[::1],"
-    " int64[::1], int64[:,::1], int64[:,::1], int64, complex128[::1], float64[::1],"
-    " float64[:,::1], float64[::1], float64[::1], boolean)",
-    free=True,
+    "(float64[:,:,::1], int64[:,::1], int64, int64, boolean, int64[::1], int64[::1],"
+    " int64[:,::1], int64[:,::1], int64, float64[::1], float64[:,::1], float64[::1],"
+    " float64[::1], float64[:,:,::1], float64[:,::1], float64[:,:,::1])",
+    inner=True,
 )
-def adapted_steps(
+def series_parallel_columns(
     stack: Array,
     which: Indices,
-    targets: Array,
+    height: int,
     first_input: int,
     free: bool,
-    nuisance: Indices,
     orders: Indices,
     firsts: Indices,
     group: Indices,
     zeros: Indices,
     repeats: int,
-    poles: Complex,
     b: Array,
     basis: Array,
     maps: Array,
     weights: Array,
-    biproper: bool,
-) -> tuple[Array, Array, float, Array, Array, float, float]:
-    """Step 1 on the poles twice each, and Step 2 through the filter that has them once.
-
-    Returns
-    -------
-    beta, costs, condition
-        Of Step 1 (`parallel_fit`).
-    row : (n_poles,) array
-        Of each denominator, the new one being ``a_hat (1 + row X)``.
-    numerators : (n_coefficients of all b,) array
-        Descending powers, channel by channel.
-    cost, condition : float
-        Of Step 2.
-    """
-    n_experiments, n_outputs, height = targets.shape
+    rows: Array,
+    direct: Array,
+    started: Array,
+) -> tuple[Array, Array]:
+    """Columns and target of Step 2: of ``a``, of every ``b``, and of every free response."""
+    n_experiments, n_outputs = which.shape
     n_inputs, n_groups, q = group.shape[1], orders.size, b.size
     n_poles, first_direct = firsts[-1] + orders[-1], q * (n_inputs + first_input)
-    beta, rows, direct, started, costs, condition = parallel_fit(
-        stack, which, targets, first_input, free, nuisance, orders, firsts, group, repeats, q,
-        biproper,
-    )  # fmt: skip
     n_b, n_free = 0, 0
     for i in range(n_outputs):
         for j in range(n_inputs):
@@ -244,6 +228,56 @@ def adapted_steps(
                     for k in range(q):
                         value += started[e, i, k] * s[r, k]
                 target[top + r] = -weights[i] * value
+    return matrix, target
+
+
+@compiled(
+    "(float64[:,:,::1], int64[:,::1], float64[:,:,::1], int64, boolean, int64[::1], int64[::1],"
+    " int64[::1], int64[:,::1], int64[:,::1], int64, complex128[::1], float64[::1],"
+    " float64[:,::1], float64[::1], float64[::1], boolean)",
+    free=True,
+)
+def adapted_steps(
+    stack: Array,
+    which: Indices,
+    targets: Array,
+    first_input: int,
+    free: bool,
+    nuisance: Indices,
+    orders: Indices,
+    firsts: Indices,
+    group: Indices,
+    zeros: Indices,
+    repeats: int,
+    poles: Complex,
+    b: Array,
+    basis: Array,
+    maps: Array,
+    weights: Array,
+    biproper: bool,
+) -> tuple[Array, Array, float, Array, Array, float, float]:
+    """Step 1 on the poles twice each, and Step 2 through the filter that has them once.
+
+    Returns
+    -------
+    beta, costs, condition
+        Of Step 1 (`parallel_fit`).
+    row : (n_poles,) array
+        Of each denominator, the new one being ``a_hat (1 + row X)``.
+    numerators : (n_coefficients of all b,) array
+        Descending powers, channel by channel.
+    cost, condition : float
+        Of Step 2.
+    """
+    n_groups, n_poles, n_b = orders.size, firsts[-1] + orders[-1], zeros.size + zeros.sum()
+    beta, rows, direct, started, costs, condition = parallel_fit(
+        stack, which, targets, first_input, free, nuisance, orders, firsts, group, repeats, b.size,
+        biproper,
+    )  # fmt: skip
+    matrix, target = series_parallel_columns(
+        stack, which, targets.shape[2], first_input, free, orders, firsts, group, zeros, repeats,
+        b, basis, maps, weights, rows, direct, started,
+    )  # fmt: skip
     x, cost, own_condition, _, _ = solve_small(matrix, target)
     row = np.zeros(n_poles)
     for g in range(n_groups):

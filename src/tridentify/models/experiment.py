@@ -7,10 +7,9 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.models.columns import Regression
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Flags
 from tridentify.numerics.autoregression import gains
 from tridentify.numerics.realization import Cascade
 from tridentify.numerics.sampled import Sampled
@@ -237,7 +236,7 @@ class OutputRun:
     """
 
     outputs: tuple[int, ...]
-    seen: NDArray[np.bool_]
+    seen: Flags
     counts: tuple[int, ...]
     y: Array
     weight: Array | None

@@ -53,7 +53,31 @@ def _check(gamma: float, order: int) -> None:
 
 
 @dataclass(frozen=True)
-class AllPass:
+class OneRate:
+    """Operators that have their poles at one place.
+
+    Parameters
+    ----------
+    gamma : float
+        [rad/s], positive.
+    order : int
+        Number of operators.
+    """
+
+    gamma: float
+    order: int
+
+    def __post_init__(self) -> None:
+        _check(self.gamma, self.order)
+
+    @property
+    def poles(self) -> Complex:
+        """``-gamma``, ``order`` times."""
+        return np.full(self.order, -self.gamma, dtype=np.complex128)
+
+
+@dataclass(frozen=True)
+class AllPass(OneRate):
     """Powers of an all-pass, ``W_i = ((p - gamma) / (p + gamma))^i`` (paper, eq. 4).
 
     Parameters
@@ -74,17 +98,6 @@ class AllPass:
     [1.0, 1.0, 1.0]
     """
 
-    gamma: float
-    order: int
-
-    def __post_init__(self) -> None:
-        _check(self.gamma, self.order)
-
-    @property
-    def poles(self) -> Complex:
-        """``-gamma``, ``order`` times."""
-        return np.full(self.order, -self.gamma, dtype=np.complex128)
-
     @property
     def rows(self) -> Array:
         """``-sqrt(2 gamma)`` on and below the diagonal."""
@@ -97,7 +110,7 @@ class AllPass:
 
 
 @dataclass(frozen=True)
-class Laguerre:
+class Laguerre(OneRate):
     """Orthonormal Laguerre functions, ``W_i = sqrt(2 gamma) (p - gamma)^(i-1) / (p + gamma)^i``.
 
     Parameters
@@ -121,17 +134,6 @@ class Laguerre:
     >>> Laguerre(1.0, 2).rows.tolist()
     [[1.0, 0.0], [0.0, 1.0]]
     """
-
-    gamma: float
-    order: int
-
-    def __post_init__(self) -> None:
-        _check(self.gamma, self.order)
-
-    @property
-    def poles(self) -> Complex:
-        """``-gamma``, ``order`` times."""
-        return np.full(self.order, -self.gamma, dtype=np.complex128)
 
     @property
     def rows(self) -> Array:

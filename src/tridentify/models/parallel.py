@@ -25,11 +25,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.models.regression import Regression
 from tridentify.models.response import ColumnBlocks, Response, nuisance_blocks, outputs_of
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Flags
 from tridentify.numerics.least_squares import solve
 
 
@@ -61,8 +60,8 @@ def fit_parallel(
     *,
     free_rows: Array | None = None,
     one_at_a_time: bool = False,
-    used: NDArray[np.bool_] | None = None,
-    free_used: NDArray[np.bool_] | None = None,
+    used: Flags | None = None,
+    free_used: Flags | None = None,
 ) -> ParallelFit:
     """Fit the weights of the operators.
 

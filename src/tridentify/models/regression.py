@@ -290,47 +290,39 @@ def response_of(
     -------
     (n_samples, k) array
     """
-    if experiment.charts is not None:
-        return _response_of(experiment, experiment.charts, bank, rows, most, outputs)
+    count = experiment.n_samples if most is None else min(most, experiment.n_samples)
+    found = np.empty((count, rows.shape[0]))
+    sampled, charts = experiment.sampled, experiment.charts
+    last = len(sampled) - 1
+    owners = [min(k, last) for k in range(rows.shape[0])] if outputs is None else list(outputs)
+    for signal in dict.fromkeys(sampled[i] for i in owners):
+        mine = [k for k, i in enumerate(owners) if sampled[i] is signal]
+        if charts is None:
+            _combine(experiment, bank, rows, found, mine, sampled.index(signal))
+        else:
+            chart = next(one for one in charts if sampled[one.outputs[0]] is signal)
+            found[:, mine] = (rows[mine] @ _columns(bank, chart)[:, :count]).T
+    return found
+
+
+def _combine(
+    experiment: Experiment, bank: Cascade, rows: Array, found: Array, mine: list[int], group: int
+) -> None:
+    """Combinations of the columns, block by block, into ``found``."""
     layout = _layout(experiment, bank)
     buffer = np.zeros((layout.n_signals, _block(experiment)))
-    count = experiment.n_samples if most is None else min(most, experiment.n_samples)
-    found = np.empty((count, rows.shape[0]))
-    sampled = experiment.sampled
-    last = len(sampled) - 1
-    owners = [min(k, last) for k in range(rows.shape[0])] if outputs is None else list(outputs)
-    for signal in dict.fromkeys(sampled[i] for i in owners):
-        mine = [k for k, i in enumerate(owners) if sampled[i] is signal]
-        for start, stop, _ in _signals(experiment, bank, layout, buffer, sampled.index(signal)):
-            if start >= count:
-                break
-            stop = min(stop, count)
-            found[start:stop, mine] = (rows[mine] @ buffer[:, : stop - start]).T
-    return found
+    for start, stop, _ in _signals(experiment, bank, layout, buffer, group):
+        if start >= len(found):
+            break
+        stop = min(stop, len(found))
+        found[start:stop, mine] = (rows[mine] @ buffer[:, : stop - start]).T
 
 
-def _response_of(
-    experiment: Experiment,
-    charts: tuple[Chart, ...],
-    bank: Cascade,
-    rows: Array,
-    most: int | None,
-    outputs: Sequence[int] | None,
-) -> Array:
-    """`response_of` where there are charts."""
+def _columns(bank: Cascade, chart: Chart) -> Array:
+    """The columns themselves, (n_columns, n_samples)."""
     from tridentify.models.compiled_regression import triangles_of
 
-    count = experiment.n_samples if most is None else min(most, experiment.n_samples)
-    found = np.empty((count, rows.shape[0]))
-    sampled = experiment.sampled
-    last = len(sampled) - 1
-    owners = [min(k, last) for k in range(rows.shape[0])] if outputs is None else list(outputs)
-    for signal in dict.fromkeys(sampled[i] for i in owners):
-        mine = [k for k, i in enumerate(owners) if sampled[i] is signal]
-        chart = next(one for one in charts if sampled[one.outputs[0]] is signal)
-        (columns,) = triangles_of(bank.a[None], bank.b[None], *chart.without_outputs)
-        found[:, mine] = (rows[mine] @ columns[:, :count]).T
-    return found
+    return np.asarray(triangles_of(bank.a[None], bank.b[None], *chart.without_outputs)[0])
 
 
 def _layout(experiment: Experiment, bank: Cascade) -> Layout:

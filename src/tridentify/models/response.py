@@ -14,10 +14,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.models.regression import Regression
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Flags
 from tridentify.numerics.realization import Cascade, DegreeBasis
 
 
@@ -46,7 +45,7 @@ class Branch:
     basis: DegreeBasis
     states: slice
     poles: slice
-    channels: NDArray[np.bool_]
+    channels: Flags
 
     @property
     def own(self) -> slice:
@@ -96,7 +95,7 @@ class Response:
             total = total + regression.impulse_signal(output, self.free[experiment, output])
         return total
 
-    def part(self, states: slice, channels: NDArray[np.bool_]) -> Response:
+    def part(self, states: slice, channels: Flags) -> Response:
         """What some channels contribute, on the states that they use.
 
         Parameters

@@ -23,7 +23,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.models.regression import Regression
 from tridentify.models.response import (
@@ -33,7 +32,7 @@ from tridentify.models.response import (
     nuisance_blocks,
     outputs_of,
 )
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Flags
 from tridentify.numerics.least_squares import solve
 from tridentify.numerics.realization import Cascade, filter_map
 
@@ -80,7 +79,7 @@ def fit_series(
     weights: Array | None = None,
     parts: Sequence[Response] | None = None,
     states: FilteredResponse | None = None,
-    free_used: NDArray[np.bool_] | None = None,
+    free_used: Flags | None = None,
 ) -> SeriesFit:
     """Fit the weights of operators connected in series with a model.
 

@@ -42,7 +42,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.models.regression import Regression
 from tridentify.models.response import (
@@ -53,7 +52,7 @@ from tridentify.models.response import (
     outputs_of,
     spread,
 )
-from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.arrays import Array, Complex, Flags
 from tridentify.numerics.least_squares import solve
 from tridentify.numerics.realization import (
     Cascade,
@@ -111,7 +110,7 @@ class Filtering:
     n_poles: int
     bank: Cascade
     states: slice
-    channels: NDArray[np.bool_]
+    channels: Flags
 
     @classmethod
     def adapted(cls, branch: Branch) -> Filtering:

@@ -10,13 +10,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg
 
-from tridentify.errors import (
-    ChannelCountError,
-    SampleTypeError,
-    ScaleError,
-    TridentifyError,
-    shown,
-)
+from tridentify.errors import ChannelCountError, SampleTypeError, ScaleError, TridentifyError, shown
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.realization import cascade, monomials, sort_poles
 from tridentify.numerics.recent import recent

@@ -49,15 +49,12 @@ from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 
-from tridentify.numerics.arrays import Array, Flags
+from tridentify.numerics.arrays import Array, Flags, Indices
 from tridentify.numerics.incomplete import Incomplete
 from tridentify.numerics.levinson import autocovariance, stationary_polynomial
 from tridentify.numerics.recent import recent
-
-Places = NDArray[np.int64]
 
 PER_COEFFICIENT = 10
 PER_DECADE = 10.0
@@ -133,7 +130,7 @@ def _gains(a: Array, seen: Flags, state: Array, run: int, gain: Array, scale: Ar
     return run
 
 
-def _burg(forward: Array, gaps: Places, stretches: Places, found: Array, power: Array) -> int:
+def _burg(forward: Array, gaps: Indices, stretches: Indices, found: Array, power: Array) -> int:
     """Burg's recursion; gives the number of orders. ``forward`` is used up.
 
     Of order ``p`` the forward error of sample ``t`` stands at ``forward[t]``, the backward one of

@@ -32,13 +32,10 @@ from functools import cache
 from types import ModuleType
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular, toeplitz
 
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Indices
 from tridentify.numerics.levinson import covariance
-
-Places = NDArray[np.int64]
 
 GRADIENT_STILL = 1e-4
 """Of the derivative at the end, in units of the standard errors: the coefficients are as near."""
@@ -90,7 +87,7 @@ class Incomplete:
             row[gone] = 0.0
             filled.append(row)
         self.count = sum(one.size for one in filled) - sum(one.size for one in missing)
-        self._samples: tuple[Array, Places, Places, Places, int] = (
+        self._samples: tuple[Array, Indices, Indices, Indices, int] = (
             np.concatenate(filled),
             np.cumsum([0, *(one.size for one in filled)]),
             np.concatenate(missing),

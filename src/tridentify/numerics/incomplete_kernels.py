@@ -12,11 +12,8 @@ from typing import Any
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-from tridentify.numerics.arrays import Array
-
-Places = NDArray[np.int64]
+from tridentify.numerics.arrays import Array, Indices
 
 _WHOLE, _NUMBER = numba.int64, numba.float64
 _VECTOR, _TABLE, _PLACES = _NUMBER[::1], _NUMBER[:, ::1], numba.int64[::1]
@@ -60,7 +57,7 @@ def partial_sums(a: Array) -> Array:
 
 @_compiled(_NUMBER(_TABLE, _VECTOR, _PLACES, _TABLE, _TABLE, _VECTOR))
 def complete(
-    sums: Array, x: Array, missing: Places, band: Array, inverse: Array, expected: Array
+    sums: Array, x: Array, missing: Indices, band: Array, inverse: Array, expected: Array
 ) -> float:
     """Put the conditional means into ``x`` and ``Q_mm^{-1}`` into ``inverse``; log det ``Q_mm``.
 
@@ -123,7 +120,7 @@ def complete(
 
 @_compiled(numba.void(_WHOLE, _VECTOR, _PLACES, _TABLE, _TABLE, _TABLE))
 def tables(
-    p: int, x: Array, missing: Places, inverse: Array, products: Array, spread: Array
+    p: int, x: Array, missing: Indices, inverse: Array, products: Array, spread: Array
 ) -> None:
     """Add a series to the upper triangles of ``D`` (``products``) and of ``E`` (``spread``)."""
     n, count = x.size, missing.size
@@ -199,7 +196,13 @@ def update(inverse: Array, step: Array, before: Array, after: Array, length: flo
 
 @_compiled(_NUMBER(_VECTOR, _VECTOR, _PLACES, _PLACES, _PLACES, _WHOLE, _VECTOR))
 def value(
-    k: Array, filled: Array, ends: Places, missing: Places, gone: Places, count: int, slope: Array
+    k: Array,
+    filled: Array,
+    ends: Indices,
+    missing: Indices,
+    gone: Indices,
+    count: int,
+    slope: Array,
 ) -> float:
     """``-2 log L`` of reflection coefficients, and its derivatives by them into ``slope``.
 
@@ -254,7 +257,7 @@ def value(
 )  # fmt: skip
 def descend(
     start: Array, root: Array, moved: Array, farthest: float, still: float, most: int,
-    filled: Array, ends: Places, missing: Places, gone: Places, count: int,
+    filled: Array, ends: Indices, missing: Indices, gone: Indices, count: int,
 ) -> bool:  # fmt: skip
     """Minimise half of `value` at ``tanh(start + root moved)`` over ``moved``, in place.
 

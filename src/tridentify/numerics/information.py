@@ -9,12 +9,13 @@ from __future__ import annotations
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+
+from tridentify.numerics.arrays import Array
 
 LEAST_ROOM = 0.5
 """Samples beyond the unknowns that the price is worked out for at the least: it stays finite."""
 
-Unknowns = TypeVar("Unknowns", float, NDArray[np.float64])
+Unknowns = TypeVar("Unknowns", float, Array)
 
 
 def aicc_price(unknowns: Unknowns, samples: float) -> Unknowns:

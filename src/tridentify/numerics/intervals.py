@@ -30,12 +30,9 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Indices
 from tridentify.numerics.discretize import weight_of
-
-Index = NDArray[np.int64]
 
 BASE = 64
 MOST_TABULATED = 128
@@ -66,8 +63,8 @@ class Plan:
     lengths: Array
     value: Array
     slope: Array
-    reached: Index
-    which: Index
+    reached: Indices
+    which: Indices
     distinct: Array
 
 
@@ -119,7 +116,7 @@ def snapped(knots: Array, t: Array) -> Array:
     return np.where(np.abs(t[nearest] - knots) <= tolerance, t[nearest], knots)
 
 
-def _classified(lengths: Array, value: Array, slope: Array, reached: Index) -> Plan:
+def _classified(lengths: Array, value: Array, slope: Array, reached: Indices) -> Plan:
     which, distinct = np.zeros(0, dtype=np.int64), np.zeros(0)
     # lengths as they are, else as far as the instants can tell them apart
     unit = RESOLUTION * float(lengths.sum())

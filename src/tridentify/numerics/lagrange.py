@@ -23,11 +23,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lapack
 from scipy.special import fdtrc
 
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Flags
 from tridentify.numerics.least_squares import ROUNDING, least, triangle, upper
 
 SPAN_CUTOFF = 1e-6
@@ -201,7 +200,7 @@ def _judged(left: Array, k: int, p: int, explained: float, n_samples: int) -> Ad
     return Added(statistic, k, freedom, explained / total, float(fdtrc(k, freedom, statistic)))
 
 
-def holm(p_values: Array, rate: float) -> NDArray[np.bool_]:
+def holm(p_values: Array, rate: float) -> Flags:
     """Which of several hypotheses are rejected, at most ``rate`` of all families wrongly.
 
     Notes

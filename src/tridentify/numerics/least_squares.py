@@ -15,10 +15,9 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Flags
 
 ROUNDING = 1e-6
 """By how much a bound on a singular value may be wrong, of itself: far above what the inverse of a
@@ -65,7 +64,7 @@ def upper(matrix: Array) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _above(m: int, n: int) -> NDArray[np.bool_]:
+def _above(m: int, n: int) -> Flags:
     """Which entries are on the diagonal or above it."""
     return np.arange(m)[:, None] <= np.arange(n)
 

@@ -40,7 +40,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc
 
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Flags
 
 SHORT = 500
 """Samples below which the traces are worked out with all digits."""
@@ -226,7 +226,7 @@ class _Projection(NamedTuple):
     lost: Array
 
 
-def _projections(there: NDArray[np.bool_], noise: Array) -> list[_Projection]:
+def _projections(there: Flags, noise: Array) -> list[_Projection]:
     n_lags, p = there.size, noise.size
     psi = np.zeros(n_lags + 1)
     psi[0] = 1.0

@@ -7,9 +7,8 @@ Outside the unit circle both polynomials are evaluated by Horner's rule in ``1/s
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.arrays import Array, Complex, Flags
 
 FAR = 500.0
 """Coefficients are scaled where one is 2^500 times the first: the ratio squared is a float."""
@@ -48,7 +47,7 @@ def rational_response(num: Array, den: Array, s: Complex) -> Complex:
     return ratio
 
 
-def _horner(coefficients: Array, x: Complex, reverse: NDArray[np.bool_]) -> Complex:
+def _horner(coefficients: Array, x: Complex, reverse: Flags) -> Complex:
     value = np.zeros_like(x)
     for ascending, descending in zip(coefficients[::-1], coefficients, strict=True):
         value = value * x + np.where(reverse, ascending, descending)

@@ -35,7 +35,6 @@ gives its roots without ever being expanded (`roots_of`).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -340,23 +339,3 @@ def _row_of_two(bank: Cascade, roots: Complex) -> Array | None:
     if size == 0.0:
         return None
     return np.array([(fall * v - rest * y) / size, (rest * x - fall * u) / size])
-
-
-def side_by_side(banks: Sequence[Cascade]) -> Cascade:
-    """Banks driven by the same input beside one another, none feeding another.
-
-    Examples
-    --------
-    >>> both = side_by_side([cascade(np.array([-1.0])), cascade(np.array([-2.0]))])
-    >>> both.a.tolist()
-    [[-1.0, 0.0], [0.0, -2.0]]
-    """
-    if len(banks) == 1:
-        return banks[0]
-    a = np.zeros((sum(bank.order for bank in banks),) * 2)
-    at = 0
-    for bank in banks:
-        a[at : at + bank.order, at : at + bank.order] = bank.a
-        at += bank.order
-    b = np.concatenate([bank.b for bank in banks])
-    return Cascade(a, b, np.concatenate([bank.poles for bank in banks]))

@@ -6,11 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tridentify.errors import (
-    OptionError,
-    UndeterminedError,
-    shown,
-)
+from tridentify.errors import OptionError, UndeterminedError, UnsupportedError, shown
+from tridentify.online.layout import Setting
 from tridentify.online.state import State
 
 LEAST_FORGETTING = 0.5
@@ -61,9 +58,37 @@ def check_choice(name: str, value: object, choices: Sequence[str]) -> None:
         )
 
 
+def refuse_drift(name: str, setting: Setting) -> None:
+    """Refuse a drift that is asked for.
+
+    Raises
+    ------
+    UnsupportedError
+    """
+    if setting.structure.drift is True:
+        raise UnsupportedError(
+            f"found drift=True; {name} on-line estimates no drift; leave it out, or use "
+            "online.ThreeModel()"
+        )
+
+
 def is_number(value: object) -> bool:
     """Whether a value is a real number."""
     return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+
+
+def check_above_zero(name: str, value: object, unit: str) -> None:
+    """Refuse what is neither left out nor a finite number above zero.
+
+    Raises
+    ------
+    OptionError
+    """
+    if value is not None and not (is_number(value) and 0.0 < float(value) < np.inf):  # type: ignore[arg-type]
+        raise OptionError(
+            f"found {name}={shown(value)}; expected a number above zero, in {unit}; leave it out "
+            "or correct it"
+        )
 
 
 def not_ready(count: int, what: str) -> NotReadyError:

@@ -40,10 +40,9 @@ from typing import ClassVar
 import numpy as np
 import scipy.linalg
 
-from tridentify.errors import UnsupportedError
 from tridentify.estimation.answer.estimate import Estimate, Status, Trace
 from tridentify.numerics.arrays import Array, Complex
-from tridentify.online.asked import not_ready
+from tridentify.online.asked import not_ready, refuse_drift
 from tridentify.online.equation_plan import maps_of
 from tridentify.online.estimator import CompiledKernels, check_asked, kept_samples
 from tridentify.online.findings import bias_finding, with_findings
@@ -59,13 +58,7 @@ from tridentify.online.layout import (
 )
 from tridentify.online.result import assembled
 from tridentify.online.scatter import widened, with_scatter
-from tridentify.online.search import (
-    FoundPoles,
-    clean_search,
-    filter_poles,
-    first_try,
-    poles_of_start,
-)
+from tridentify.online.search import FoundPoles, clean_search, filter_poles, poles_of_start
 from tridentify.online.starting import (
     admissible,
     advanced,
@@ -75,6 +68,7 @@ from tridentify.online.starting import (
     run_kept,
     shortened,
     take_clocks,
+    waiting,
     without,
 )
 from tridentify.online.state import Stage, State
@@ -108,21 +102,14 @@ class EquationError(Suspecting):
 
     def begin(self, setting: Setting) -> State:
         """The state before the first sample."""
-        if setting.structure.drift is True:
-            raise UnsupportedError(
-                f"found drift=True; {self.name} on-line estimates no drift; leave it out, or use "
-                "online.ThreeModel()"
-            )
+        refuse_drift(self.name, setting)
         weights = np.ones(setting.n_outputs)
         if self.filter is not None:
             poles = filter_poles(self.filter, setting)
         elif self.start is not None:
             poles = poles_of_start(self.start, setting)
         else:
-            blueprint = collecting(setting)
-            x = fresh(blueprint)
-            x[slots.TICK] = first_try(setting)
-            return State(x, Stage(self, setting, blueprint, blueprint.poles))
+            return waiting(self, setting)
         blueprint = self.plan(setting, poles, weights, restarted=False, filtering=False, keep=True)
         x = fresh(blueprint)
         x[slots.TICK] = self.wait(setting, blueprint)

@@ -5,21 +5,19 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.numerics.realization import Cascade, cascade, degree_basis, denominator, numerators
 from tridentify.online.kernels import slots
-from tridentify.online.kernels.slots import EXPONENTIAL, scatter_size, triangle_size
+from tridentify.online.kernels.slots import EXPONENTIAL, triangle_size
 from tridentify.online.layout import (
     CHUNK,
-    NEARLY_ZERO,
     Blueprint,
     NuisanceColumns,
-    Places,
     Setting,
     discretize_each,
-    fill_inputs,
+    filled,
+    places_of,
 )
 
 LEARNING = 20  # blocks, as the equation error is never white
@@ -110,34 +108,12 @@ def equation_blueprint(
     nuisance = NuisanceColumns(wanted.free or wanted.offset, wanted.offset, False)
     coefficients = len(setting.names)
     columns = p * (q * nuisance.free + nuisance.offset) + coefficients
-    ints = np.zeros(slots.N_INTS, dtype=np.int64)
-    ints[slots.INPUTS], ints[slots.OUTPUTS] = m, p
-    ints[slots.ORDER], ints[slots.COLUMNS] = q, columns
-    ints[slots.FREE], ints[slots.OFFSET], ints[slots.KIND] = (*nuisance[:2], kind)
-    ints[slots.BEGIN] = setting.late if nuisance.free else 0
-    ints[slots.UPPER] = int(np.any(poles.imag != 0))
+    ints, plan, constants = places_of(
+        setting, poles, nuisance, columns, coefficients, CHUNK if keep else 0, kind
+    )
     ints[slots.COEFFICIENTS] = coefficients
-    ints[slots.DIRECTIONS], ints[slots.DIRECTIONS_STRIDE] = coefficients, 0
-    ints[slots.BLOCK] = max(20, 4 * coefficients)
     ints[slots.FILTERING], ints[slots.LEARNING] = filtering, LEARNING
-    ints[slots.ALERT] = slots.LEVEL_OF_DOUBT
     ints[slots.WALKERS] = coefficients if filtering else 0
-    plan = Places(slots.INBOX + m + p)
-    ints[slots.LINE] = max(whole for whole, _ in setting.shifts) + 3
-    ints[slots.AT_LINE] = plan.take(m * int(ints[slots.LINE]))
-    ints[slots.AT_REFERENCE] = plan.take(m)
-    ints[slots.AT_FIRST_INPUT] = plan.take(m)
-    ints[slots.AT_LARGEST] = plan.take(2 * (m + p))
-    ints[slots.EQUILIBRIUM] = setting.structure.initial_state == "equilibrium"
-    ints[slots.CHUNK] = CHUNK if keep else 0
-    ints[slots.AT_CHUNK] = plan.take(int(ints[slots.CHUNK]) * (m + p + 1))
-    judged = coefficients + coefficients * (coefficients + 1) // 2 + slots.SUMS
-    ints[slots.WATCH] = slots.SCORES + 2 * coefficients + slots.SCALES * judged
-    ints[slots.AT_WATCH] = plan.take(p * int(ints[slots.WATCH]))
-    ints[slots.SCATTER] = scatter_size(coefficients) if coefficients else 0
-    ints[slots.AT_SCATTER] = plan.take(p * int(ints[slots.SCATTER]))
-    ints[slots.AT_ROW] = plan.take(columns)
-    ints[slots.AT_WORK] = plan.take(max(columns, q))
     ints[slots.AT_IMPULSE] = plan.take(q)
     ints[slots.AT_INPUTS] = plan.take(m * q)
     ints[slots.AT_OUTPUTS] = plan.take(p * q)
@@ -145,40 +121,24 @@ def equation_blueprint(
     ints[slots.AT_THETA] = plan.take(columns)
     ints[slots.FACTOR] = 0 if filtering else triangle_size(columns)
     ints[slots.AT_FACTOR] = plan.take(int(ints[slots.FACTOR]))
-    if filtering:
-        ints[slots.AT_COVARIANCE] = plan.take(columns * (columns + 1) // 2)
-        ints[slots.AT_GAIN] = plan.take(columns + columns * (columns + coefficients))
-    constants = Places(slots.CONSTANTS)
-    ints[slots.C_STEP] = constants.take(q * q)
-    ints[slots.C_TAPS] = constants.take(3 * m * q)
-    ints[slots.C_DIRECT] = constants.take(2 * m)
-    ints[slots.C_START] = constants.take(1 + q)
-    ints[slots.C_EXTRA] = constants.take(m)
     ints[slots.C_OUTPUT] = constants.take(2 * q)
     ints[slots.C_BASIS] = constants.take(q * q)
     ints[slots.C_MONIC] = constants.take(q + 1 + p)
     ints[slots.C_ZEROS] = constants.take(m * p + 1)
     if filtering:
+        ints[slots.AT_COVARIANCE] = plan.take(columns * (columns + 1) // 2)
+        ints[slots.AT_GAIN] = plan.take(columns + columns * (columns + coefficients))
         ints[slots.C_WALK] = constants.take(columns * coefficients)
         ints[slots.C_WIDTHS] = constants.take(coefficients)
-    c = np.zeros(constants.at)
+    c = filled(constants.at, ints, setting, poles, forgetting)
     # a triangle that all outputs share takes a row of each
-    c[slots.INTERVAL], c[slots.FORGETTING] = setting.dt, forgetting ** (1.0 / p)
-    c[slots.PACE] = min(1.0, max(5.0 * (1.0 - forgetting), 1e-3))
+    c[slots.FORGETTING] = forgetting ** (1.0 / p)
     _write_filter(c, ints, setting, cascade(poles), weights)
     return Blueprint(ints, c, plan.at, poles, nuisance)
 
 
-def _write_filter(
-    c: Array, ints: NDArray[np.int64], setting: Setting, bank: Cascade, weights: Array
-) -> None:
+def _write_filter(c: Array, ints: Indices, setting: Setting, bank: Cascade, weights: Array) -> None:
     m, q, n = setting.n_inputs, bank.order, setting.n_poles
-    for j, (whole, _) in enumerate(setting.shifts):
-        c[ints[slots.C_EXTRA] + j] = whole
-    at = int(ints[slots.C_START])
-    c[at] = NEARLY_ZERO * np.abs(bank.b).max()
-    c[at + 1 : at + 1 + q] = bank.b
-    fill_inputs(c, ints, setting, bank, setting.dt)
     joined = discretize_each(bank, np.array([setting.dt]), "foh")
     at = int(ints[slots.C_OUTPUT])
     c[at : at + q], c[at + q : at + 2 * q] = joined.from_current[0], joined.from_next[0]

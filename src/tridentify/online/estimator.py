@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tridentify.errors import (
     ChannelCountError,
@@ -30,7 +30,7 @@ from tridentify.errors import (
 )
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.methods.capability import Capability, refuse_unsupported
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Indices
 from tridentify.online.arriving import (
     as_table,
     bounded_intervals,
@@ -42,14 +42,12 @@ from tridentify.online.arriving import (
 from tridentify.online.asked import NotReadyError, check_state, is_number
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.workspace import LONGEST, Workspace
-from tridentify.online.layout import Blueprint, Setting, smallest_channel
+from tridentify.online.layout import Blueprint, Setting, constants_for, smallest_channel
 from tridentify.online.state import MAKERS, State
 from tridentify.record.checks.scales import check_span
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
-
-Ints = NDArray[np.int64]
 
 BATCH = 256
 """Intervals for which constants are made at once where time is uneven."""
@@ -69,12 +67,12 @@ class CompiledKernels(NamedTuple):
     machine where that has not been done; so it is left for long records.
     """
 
-    step: Callable[[Ints, Array, Array, float], float]
+    step: Callable[[Indices, Array, Array, float], float]
     block: Callable[[], Callable[..., int]] | None = None
 
     def run(
-        self, ints: Ints, c: Array, x: Array, u: Array, y: Array, start: int, stop: int,
-        innovations: Array, flags: Ints,
+        self, ints: Indices, c: Array, x: Array, u: Array, y: Array, start: int, stop: int,
+        innovations: Array, flags: Indices,
     ) -> int:  # fmt: skip
         """Samples ``start .. stop - 1``, up to the first with an event; gives the next."""
         from tridentify.online.kernels.run import no_block, run_samples
@@ -134,9 +132,9 @@ class Estimator(ABC):
     def is_ready(self, state: State) -> bool:
         """Whether the samples so far determine the coefficients."""
 
-    @abstractmethod
     def constants_for(self, blueprint: Blueprint, setting: Setting, intervals: Array) -> Array:
         """(k, ...) ``c`` of the kernels for samples that come after other intervals [s]."""
+        return constants_for(blueprint, setting, intervals)
 
     @abstractmethod
     def rebuilt(self, setting: Setting, blueprint: Blueprint) -> Blueprint:
@@ -314,7 +312,7 @@ class Estimator(ABC):
 
     def feed(
         self, state: State, u: Array, y: Array, intervals: Array | None = None
-    ) -> tuple[State, Array, NDArray[np.int64]]:
+    ) -> tuple[State, Array, Indices]:
         """Take in many samples: the same as `step` on one after the other, bit for bit.
 
         Parameters
@@ -367,8 +365,8 @@ class Estimator(ABC):
         y: Array,
         intervals: Array,
         innovations: Array,
-        flags: NDArray[np.int64],
-    ) -> tuple[State, Array, NDArray[np.int64]]:
+        flags: Indices,
+    ) -> tuple[State, Array, Indices]:
         """Sample by sample; the matrices of many intervals are made together."""
         m = u.shape[1]
         at, end = slots.INBOX, slots.INBOX + m + y.shape[1]

@@ -17,12 +17,7 @@ from tridentify.online.scatter import turn_scatter
 from tridentify.online.search import FoundPoles, far_off, searching
 from tridentify.online.starting import rearranged
 from tridentify.online.state import State
-from tridentify.online.steps import (
-    StepsEnd,
-    coefficients_of_directions,
-    directions_of,
-    solving,
-)
+from tridentify.online.steps import StepsEnd, coefficients_of_directions, directions_of, solving
 from tridentify.online.summary import moved
 
 NEAR = 0.01

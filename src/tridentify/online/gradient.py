@@ -69,61 +69,42 @@ from functools import cache
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tridentify.errors import OptionError, UnsupportedError, shown
+from tridentify.errors import OptionError
 from tridentify.estimation.answer.estimate import Estimate, Status, Trace
-from tridentify.estimation.methods.filtered.state_variable_filters import checked_filter
+from tridentify.estimation.methods.base import check_count
+from tridentify.estimation.methods.filtered.filter_cascade import checked_filter
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.realization import denominator
 from tridentify.numerics.slices import Slices
 from tridentify.numerics.threads import one_blas_thread
-from tridentify.online.asked import check_choice, not_ready
+from tridentify.online.asked import check_above_zero, check_choice, not_ready, refuse_drift
 from tridentify.online.estimator import CompiledKernels, check_asked, kept_samples
 from tridentify.online.findings import noise_finding, with_findings
+from tridentify.online.gradient_follow import (
+    GradientRule,
+    extra_of,
+    followed,
+    periods_of,
+    tables_of,
+)
+from tridentify.online.gradient_launch import launched, nuisance_of
 from tridentify.online.gradient_periods import (
-    PERIODS_TO_BE_SURE,
     as_scattered,
     average,
-    begin_period,
     coefficients_of,
-    columns_between,
     expected_covariance,
     first_rate,
-    fitted_to,
     mean_of,
-    near_enough,
     outputs_of,
     present,
-    samples_of_period,
     scatter,
-    stable_poles,
     used_of,
 )
-from tridentify.online.gradient_plan import Basis, Tables, plan
-from tridentify.online.gradient_vector import (
-    as_expected,
-    models_of,
-    moments_of,
-    noise_of,
-    put_parallel,
-    put_unknowns,
-    refer,
-    signals_of,
-    still_series,
-    write_moments,
-)
+from tridentify.online.gradient_plan import Basis, plan
+from tridentify.online.gradient_vector import moments_of, noise_of, put_unknowns, signals_of
 from tridentify.online.kernels import gradient_slots as places
 from tridentify.online.kernels import slots
-from tridentify.online.layout import (
-    Blueprint,
-    NuisanceColumns,
-    Setting,
-    collecting,
-    constants_for,
-    fresh,
-    watch_of,
-)
+from tridentify.online.layout import Blueprint, NuisanceColumns, Setting, collecting, fresh
 from tridentify.online.result import assembled
 from tridentify.online.search import (
     FoundPoles,
@@ -131,47 +112,26 @@ from tridentify.online.search import (
     checked_start,
     far_off,
     filter_poles,
-    first_try,
     poles_of_start,
     searching,
 )
-from tridentify.online.starting import (
-    admissible,
-    advanced,
-    again,
-    calm,
-    idle,
-    run_kept,
-    shortened,
-    take_clocks,
-    without,
-)
+from tridentify.online.starting import advanced, again, idle, shortened, waiting, without
 from tridentify.online.state import Stage, State
-from tridentify.online.summary import carried
-from tridentify.online.suspecting import MOST_KEPT, Suspecting
+from tridentify.online.suspecting import MOST_KEPT
 from tridentify.online.task import Task
 from tridentify.transfer_function import TransferFunction
 
 WARM_UP = 10
 """Samples for each unknown before the first period begins, and one over the quickest rate in
 samples."""
-MOST_PERIODS, FIXED_PERIODS = 16, 8
-"""Periods that are kept before neighbours are joined and the clock slows down; those that are
-averaged where the rate is fixed."""
 SCATTERED = 10
 """Periods from which their scatter gives the standard errors: ten tell one to a quarter."""
-LINEAR = 0.1
-"""Standard error over value of a denominator's coefficients up to which a first model is near
-enough to linearise about."""
 REFIT_ROUNDS = 3
 """Times that the kept samples are fitted again without those that the model finds doubtful."""
-SETTLING = 2
-"""Periods on a first basis before the poles are moved: the first one still forgets where it
-began."""
 
 
 @dataclass(frozen=True)
-class Gradient(Suspecting):
+class Gradient(GradientRule):
     """The three models by the gradient rule, one sample at a time.
 
     Parameters
@@ -220,7 +180,6 @@ class Gradient(Suspecting):
     orthogonal: bool = True
 
     name: ClassVar[str] = "gradient"
-    own_arrays: ClassVar[int] = 2
 
     @staticmethod
     @cache
@@ -231,14 +190,9 @@ class Gradient(Suspecting):
         return CompiledKernels(gradient_step)
 
     def __post_init__(self) -> None:
-        _check_above_zero("rate", self.rate, "1/s")
-        _check_above_zero("gamma", self.gamma, "rad/s")
-        whole = isinstance(self.n_operators, int) and not isinstance(self.n_operators, bool)
-        if not whole or self.n_operators < 1:
-            raise OptionError(
-                f"found n_operators={shown(self.n_operators)}; expected a whole number above zero; "
-                "correct it"
-            )
+        check_above_zero("rate", self.rate, "1/s")
+        check_above_zero("gamma", self.gamma, "rad/s")
+        check_count("n_operators", self.n_operators)
         object.__setattr__(self, "filter", checked_filter(self.filter))
         object.__setattr__(self, "start", checked_start(self.start))
         check_choice("on_change", self.on_change, ("restart", "flag"))
@@ -256,17 +210,10 @@ class Gradient(Suspecting):
     # ------------------------------------------------------------------------------ the beginning
     def begin(self, setting: Setting) -> State:
         """The state before the first sample."""
-        if setting.structure.drift is True:
-            raise UnsupportedError(
-                f"found drift=True; {self.name} on-line estimates no drift; leave it out, or use "
-                "online.ThreeModel()"
-            )
+        refuse_drift(self.name, setting)
         if not self.fixed and self.start is None:
-            blueprint = collecting(setting)
-            x = fresh(blueprint)
-            x[slots.TICK] = first_try(setting)
-            return State(x, Stage(self, setting, blueprint, blueprint.poles))
-        nuisance = _nuisance(setting, False)
+            return waiting(self, setting)
+        nuisance = nuisance_of(setting, False)
         if self.start is None:
             basis = self._paper_basis(setting, nuisance)
             return self._begun(basis, np.zeros(basis.unknowns))
@@ -292,7 +239,7 @@ class Gradient(Suspecting):
         blueprint = plan(basis, True)
         rate = self.rate or first_rate(basis, 0.0)
         models = outputs_of(basis, unknowns)
-        tables = self._tables(basis, models, models, None, np.ones(setting.n_outputs))
+        tables = tables_of(models, models, None, np.ones(setting.n_outputs), self.orthogonal)
         quick = max(rate, 1.0 / (WARM_UP * setting.dt))
         blueprint = replace(tables, rate=quick).written(basis, blueprint)
         x = fresh(blueprint)
@@ -300,14 +247,14 @@ class Gradient(Suspecting):
         x[slots.TICK] = setting.late + WARM_UP * (basis.unknowns + setting.n_inputs)
         put_unknowns(blueprint, x, unknowns)
         stage = Stage(self, setting, blueprint, basis.filter_poles, searching=False)
-        return State(x, stage.but(extra=_extra(np.zeros((0, 0)), rate, 0)))
+        return State(x, stage.but(extra=extra_of(np.zeros((0, 0)), rate, 0)))
 
     def rebuilt(self, setting: Setting, blueprint: Blueprint) -> Blueprint:
         """The plan of a blueprint from a file, made again."""
         bank, keep = blueprint.poles, bool(blueprint.ints[slots.CHUNK])
         if not bank.size:
             return collecting(setting)
-        nuisance = _nuisance(setting, blueprint.nuisance.free)
+        nuisance = nuisance_of(setting, blueprint.nuisance.free)
         basis = Basis.on_model(setting, nuisance, bank[: setting.n_poles])
         if not blueprint.ints[places.SERIES]:
             kept = self.n_operators if self.fixed else bank.size
@@ -325,7 +272,7 @@ class Gradient(Suspecting):
         x, stage = state
         blueprint = stage.blueprint
         basis = Basis.of(stage.setting, blueprint)
-        batches = _read(stage)[0]
+        batches = periods_of(stage)[0]
         if not len(batches) and x[places.SUMMED] < basis.unknowns:
             batches = present(basis, blueprint, x)
         elif x[places.SUMMED] > 0:
@@ -336,16 +283,12 @@ class Gradient(Suspecting):
             return batches[:0]
         return batches
 
-    def constants_for(self, blueprint: Blueprint, setting: Setting, intervals: Array) -> Array:
-        """``c`` for samples that come after other intervals."""
-        return constants_for(blueprint, setting, intervals)
-
     # ------------------------------------------------------------------------------- the slow clock
     def adapt(self, state: State) -> State:
         """A slice of the search, or let the model follow Step 2."""
         if state.stage.searching:
             return self._search(state)
-        return self._follow(state)
+        return followed(self, state)
 
     def _search(self, state: State) -> State:
         x, kept = state.values, kept_samples(state)
@@ -365,205 +308,17 @@ class Gradient(Suspecting):
         if answer is not None:
             found, samples = answer
             samples = np.vstack([samples, kept[count:]])
-            launched = self.launched(state, found, samples, begun_anew, full)
-            if launched is not None:
-                return launched[0]
+            begun = launched(self, state, found, samples, begun_anew, full)
+            if begun is not None:
+                return begun[0]
         again(x, len(kept), len(kept) - count)
         return shortened(state, kept) if full else state
 
-    def launched(
-        self, state: State, found: FoundPoles, samples: Array, begun_anew: bool, full: bool
-    ) -> tuple[State, NDArray[np.int64]] | None:
-        """The models that begin at what was found, and the flags of the samples; None if unsure."""
-        x, stage = state
-        setting = stage.setting
-        poles = admissible(setting, found.poles, samples)
-        basis = Basis.on_model(setting, _nuisance(setting, begun_anew), poles)
-        rows = self._rows(x, stage, basis, samples)
-        unknowns, models = fitted_to(basis, rows, samples)
-        constant, matrix = basis.physical
-        theta = constant + matrix @ unknowns
-        moments = rows.T @ rows / len(rows)
-        noise = found.noise_std
-        cov = expected_covariance(basis, models, moments, noise**2, len(rows))[0]
-        cov = matrix @ cov @ matrix.T
-        a = slice(0, setting.n_poles)
-        near = np.all(np.isfinite(cov)) and np.all(
-            np.sqrt(np.diagonal(cov)[a]) < LINEAR * np.abs(theta[a])
-        )
-        if not near and not full:
-            return None
-        tables = self._tables(basis, models, models, moments, noise**2)
-        return self._replayed(state, basis, samples, tables, unknowns, noise)
-
-    def _replayed(
-        self, state: State, basis: Basis, samples: Array, tables: Tables, unknowns: Array,
-        noise: Array,
-    ) -> tuple[State, NDArray[np.int64]]:  # fmt: skip
-        """The kept samples on the bank of the model that was found in them, and their flags."""
-        old, stage = state
-        setting, count = stage.setting, float(len(samples))
-        rate = self.rate or first_rate(basis, count)
-        assert tables.moments is not None
-        begun = replace(tables, rate=rate, ready=places.DOUBTS)
-        blueprint = begun.written(basis, plan(basis, len(samples) < MOST_KEPT))
-        x = fresh(blueprint)
-        refer(old, x, blueprint)
-        for i in range(setting.n_outputs):
-            x[watch_of(blueprint, i) + slots.SCALE] = noise[i]
-        write_moments(blueprint, x, tables.moments, count)
-        put_unknowns(blueprint, x, unknowns)
-        x[places.FROM] = np.inf
-        flags = run_kept(self, setting, blueprint, x, samples)
-        take_clocks(old, stage.blueprint, x, blueprint, len(samples))
-        x[slots.FILLED] = 0.0
-        put_unknowns(blueprint, x, unknowns)
-        still_series(basis, blueprint, x)
-        constant, matrix = basis.physical
-        first = np.concatenate([[count], constant + matrix @ unknowns])
-        found = stage.but(
-            blueprint=blueprint, poles=basis.filter_poles, past=(samples,), searching=False,
-            extra=_extra(first[None, :], rate, 0),
-        )  # fmt: skip
-        calm(x, found)
-        begin_period(x, setting, rate, rested=False)
-        return State(x, found), flags
-
-    def _rows(self, old: Array, stage: Stage, basis: Basis, samples: Array) -> Array:
-        """The row of each kept sample."""
-        setting, blueprint = stage.setting, plan(basis)
-        x = fresh(blueprint)
-        refer(old, x, blueprint)
-        n, at, m = blueprint.n_columns, int(blueprint.ints[slots.AT_ROW]), setting.n_inputs
-        rows = np.zeros((len(samples), n))
-        for k, after in enumerate(samples[:, 0].tolist()):
-            c = blueprint.constants
-            if k and abs(after - setting.dt) > 1e-9 * setting.dt:
-                c = constants_for(blueprint, setting, np.array([after]))[0]
-            x[slots.INBOX : slots.INBOX + m] = samples[k, 1 : 1 + m]
-            x[slots.INBOX + m : slots.INBOX + samples.shape[1] - 1] = samples[k, 1 + m :]
-            self.kernels().step(blueprint.ints, c, x, after)
-            if not (basis.nuisance.free and k < setting.late):
-                rows[k, int(x[slots.FIRST]) :] = x[at + int(x[slots.FIRST]) : at + n]
-        return rows
-
-    def _follow(self, state: State) -> State:
-        x, stage = state
-        setting, blueprint = stage.setting, stage.blueprint
-        batches, rate, periods = _read(stage)
-        basis = Basis.of(setting, blueprint)
-        if not blueprint.constants[places.KNOWN]:
-            begin_period(x, setting, rate, rested=False)
-            return self._again(State(x, stage), basis, batches, rate, 0)
-        if x[places.FROM] == np.inf:
-            begin_period(x, setting, rate, rested=True)
-            return self._again(State(x, stage), basis, batches, rate, periods)
-        if x[places.SUMMED] < 0.5 * samples_of_period(setting, rate):
-            x[slots.TICK] = x[slots.COUNT] + np.ceil(0.5 * samples_of_period(setting, rate))
-            return state
-        theta, mean = mean_of(basis, blueprint, x)
-        if not basis.adapted and periods + 1 < SETTLING:
-            begin_period(x, setting, rate, rested=False)
-            return self._again(state, basis, batches, rate, periods + 1)
-        if basis.adapted:
-            row = np.concatenate([[x[places.SUMMED]], theta])[None, :]
-            batches = np.vstack([batches.reshape(-1, row.size), row])
-            batches, rate = self._joined(batches, rate)
-        target = theta if len(batches) < 2 * PERIODS_TO_BE_SURE else average(batches)
-        if not np.all(np.isfinite(target)):
-            target = theta
-        poles = stable_poles(target[: setting.n_poles], setting)
-        if poles is None or (basis.adapted and near_enough(poles, basis, batches)):
-            begin_period(x, setting, rate, rested=True)
-            return self._again(state, basis, batches, rate, periods + 1)
-        new = Basis.on_model(setting, blueprint.nuisance, poles)
-        target = np.concatenate([denominator(poles)[1:], target[setting.n_poles :]])
-        return self._moved(state, basis, new, target, mean, (batches, rate, periods + 1))
-
-    def _joined(self, batches: Array, rate: float) -> tuple[Array, float]:
-        """Not too many periods; the clock slows down where it may."""
-        if self.rate is not None:
-            return batches[-FIXED_PERIODS:], rate
-        if len(batches) < MOST_PERIODS:
-            return batches, rate
-        pairs = batches.reshape(-1, 2, batches.shape[1])
-        weights = pairs[:, :, :1]
-        total = weights.sum(axis=1)
-        return np.hstack([total, (weights * pairs[:, :, 1:]).sum(axis=1) / total]), 0.5 * rate
-
-    def _tables(
-        self, basis: Basis, models: Array, signals: Array, moments: Array | None, noise: Array
-    ) -> Tables:
-        """Tables with neither a rate nor readiness yet."""
-        weights = 1.0 / np.maximum(noise, 1e-12 * max(float(noise.max()), 1e-280))
-        return Tables(models, signals, weights / weights.mean(), moments, self.orthogonal, 0.0, 0.0)
-
-    def _again(
-        self, state: State, basis: Basis, batches: Array, rate: float, periods: int
-    ) -> State:
-        """The same model; the step lengths are brought up to date."""
-        x, stage = state
-        blueprint = stage.blueprint
-        models = models_of(basis, blueprint)
-        signals = signals_of(basis, blueprint, x)[1]
-        tables = self._tables(
-            basis, models, signals, moments_of(blueprint, x), noise_of(blueprint, x)
-        )
-        ready = _readiness(basis, blueprint, batches)
-        found = replace(tables, rate=rate, ready=ready).written(basis, blueprint)
-        as_expected(blueprint, x)
-        return State(x, stage.but(blueprint=found, extra=_kept(stage, batches, rate, periods)))
-
-    def _moved(
-        self, state: State, old: Basis, new: Basis, theta: Array, mean: Array,
-        extra: tuple[Array, float, int],
-    ) -> State:  # fmt: skip
-        """The models on the bank of another denominator."""
-        x, stage = state
-        batches, rate, periods = extra
-        setting, was = stage.setting, stage.blueprint
-        blueprint = plan(new, bool(was.ints[slots.CHUNK]))
-        found = carried(was, x, blueprint)
-        if old.adapted:
-            a, b = int(was.ints[slots.AT_WATCH]), int(blueprint.ints[slots.AT_WATCH])
-            size = setting.n_outputs * int(was.ints[slots.WATCH])
-            found[b : b + size] = x[a : a + size]
-        move = columns_between(old, new)
-        at, to = int(was.ints[slots.AT_ROW]), int(blueprint.ints[slots.AT_ROW])
-        found[to : to + new.width] = move @ x[at : at + old.width]
-        if found[slots.FIRST]:
-            found[slots.FIRST] = new.poles.size
-        moments = move @ moments_of(was, x) @ move.T
-        write_moments(blueprint, found, moments, float(x[places.MOMENTS]))
-        parallel, working = (one @ move.T for one in signals_of(old, was, x))
-        unknowns = new.unknowns_of(theta)
-        models = outputs_of(new, unknowns)
-        if new.nuisance.free:
-            impulse = slice(0, new.kept)
-            models[:, impulse] = working[:, impulse]
-        if new.nuisance.offset:
-            models[:, -1] = working[:, -1]
-        put_parallel(new, blueprint, found, parallel)
-        put_unknowns(blueprint, found, unknowns)
-        tables = self._tables(new, models, models, moments, noise_of(was, x))
-        tables = replace(tables, rate=rate, ready=_readiness(new, was, batches))
-        blueprint = tables.written(new, blueprint)
-        as_expected(blueprint, found)
-        begin_period(found, setting, rate, rested=False)
-        return State(
-            found,
-            stage.but(
-                blueprint=blueprint,
-                poles=new.filter_poles,
-                extra=_kept(stage, batches, rate, periods),
-            ),
-        )
-
     def begun_again(self, state: State, found: FoundPoles, samples: Array) -> State:
         """The estimator that goes on from the samples since a change."""
-        launched = self.launched(state, found, samples, True, True)
-        assert launched is not None
-        return launched[0]
+        begun = launched(self, state, found, samples, True, True)
+        assert begun is not None
+        return begun[0]
 
     # ------------------------------------------------------------------------------- the estimate
     def estimate(self, state: State) -> Estimate:
@@ -637,50 +392,15 @@ def _searching(
         if found is None or not (found.certain or full):
             break
         yield
-        launched = method.launched(state, found, samples, begun_anew, full)
-        if launched is None:
+        begun = launched(method, state, found, samples, begun_anew, full)
+        if begun is None:
             break
         answer = found, samples
-        cleaned = without(samples, launched[1], setting.n_inputs)
+        cleaned = without(samples, begun[1], setting.n_inputs)
         if cleaned is None:
             break
         samples = cleaned
     return answer
-
-
-def _extra(batches: Array, rate: float, periods: int) -> tuple[Array, ...]:
-    return (batches.ravel(), np.array([rate, float(periods)]))
-
-
-def _kept(stage: Stage, batches: Array, rate: float, periods: int) -> tuple[Array, ...]:
-    """With what is kept of a suspicion behind them."""
-    return *_extra(batches, rate, periods), *stage.extra[Gradient.own_arrays :]
-
-
-def _read(stage: Stage) -> tuple[Array, float, int]:
-    flat, (rate, periods) = stage.extra[: Gradient.own_arrays]
-    return flat.reshape(-1, len(stage.setting.names) + 1), float(rate), int(periods)
-
-
-def _readiness(basis: Basis, before: Blueprint, batches: Array) -> float:
-    """Whether samples may be doubted and changes told; what may be doubted stays so."""
-    if basis.adapted and len(batches) >= PERIODS_TO_BE_SURE:
-        return places.TELLS
-    return min(float(before.constants[places.READY]), places.DOUBTS)
-
-
-def _nuisance(setting: Setting, restarted: bool) -> NuisanceColumns:
-    found = NuisanceColumns.of(setting.structure, restarted)
-    return NuisanceColumns(found.free, found.offset, False)
-
-
-def _check_above_zero(name: str, value: object, unit: str) -> None:
-    number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
-    if value is not None and not (number and 0.0 < float(value) < np.inf):  # type: ignore[arg-type]
-        raise OptionError(
-            f"found {name}={shown(value)}; expected a number above zero, in {unit}; leave it out "
-            "or correct it"
-        )
 
 
 __all__: Sequence[str] = ("Gradient",)

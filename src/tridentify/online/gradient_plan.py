@@ -12,9 +12,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.numerics.realization import (
     Cascade,
     DegreeBasis,
@@ -342,7 +341,7 @@ def plan(basis: Basis, keep: bool = False) -> Blueprint:
     return replace(base, constants=constants, size=_size(ints))
 
 
-def _size(ints: NDArray[np.int64]) -> int:
+def _size(ints: Indices) -> int:
     channels = int(ints[slots.INPUTS] + ints[slots.FREE])
     unknowns = int(ints[places.POLES] + ints[slots.OUTPUTS] * ints[places.OWN])
     fits = 2 * int(ints[places.PARALLEL_UNKNOWNS] + ints[places.SERIES_UNKNOWNS])

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Indices
 from tridentify.numerics.realization import cascade
 from tridentify.online.kernels import gradient_slots as places
 from tridentify.online.kernels import slots
@@ -25,7 +25,6 @@ from tridentify.online.number_rules import (
     HUGE,
     WHOLE,
     BesideVector,
-    Ints,
     NumberRule,
     by_gradient,
     check_rule,
@@ -164,7 +163,7 @@ def _check_constants(blueprint: Blueprint, rebuilt: Blueprint) -> None:
         check_rule(c, rule)
 
 
-def _regions(ints: Ints, size: int) -> Iterator[tuple[int, int]]:
+def _regions(ints: Indices, size: int) -> Iterator[tuple[int, int]]:
     """Where constants stand that follow from the settings."""
     known = [slots.C_STEP, slots.C_TAPS, slots.C_DIRECT, slots.C_START, slots.C_EXTRA]
     if on_equation(ints):
@@ -179,7 +178,7 @@ def _regions(ints: Ints, size: int) -> Iterator[tuple[int, int]]:
             yield begin, end
 
 
-def _constant_rules(ints: Ints) -> Iterator[NumberRule]:
+def _constant_rules(ints: Indices) -> Iterator[NumberRule]:
     if by_gradient(ints):
         yield NumberRule("a rate", places.RATE, 1, 0.0)
         yield NumberRule("a mark", places.KNOWN, 1, 0.0, 1.0, whole=True)

@@ -9,19 +9,14 @@ from typing import ClassVar
 import numpy as np
 
 from tridentify.errors import OptionError, shown
-from tridentify.estimation.methods.filtered.state_variable_filters import checked_filter
+from tridentify.estimation.methods.filtered.filter_cascade import checked_filter
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.online.asked import check_choice
 from tridentify.online.equation import EquationError, unknowns_of
 from tridentify.online.equation_plan import equation_blueprint, maps_of
 from tridentify.online.kernels import slots
-from tridentify.online.layout import (
-    Blueprint,
-    Setting,
-)
-from tridentify.online.search import (
-    checked_start,
-)
+from tridentify.online.layout import Blueprint, Setting
+from tridentify.online.search import checked_start
 from tridentify.online.state import State
 from tridentify.transfer_function import TransferFunction
 

@@ -6,12 +6,11 @@ from abc import abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import TridentifyError
-from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.numerics.slices import Slices
-from tridentify.online.estimator import Estimator, kept_samples
+from tridentify.online.estimator import Estimator
 from tridentify.online.kernels import slots
 from tridentify.online.layout import (
     Blueprint,
@@ -126,7 +125,7 @@ def launching(
     samples: Array,
     noise_std: Array,
     reference: Array,
-) -> Slices[tuple[Launch, NDArray[np.int64]]]:
+) -> Slices[tuple[Launch, Indices]]:
     """The kept samples through the bank of other poles; and their flags."""
     near = admissible(setting, poles, samples)
     blueprint = method.plan(setting, near, nuisance, True)
@@ -217,8 +216,3 @@ def is_certain(
         return False
     judged = judged_poles(found, setting)
     return judged is not None and judged.certain
-
-
-def all_but(state: State, count: int) -> Array:
-    """The kept samples but for the first ``count``."""
-    return kept_samples(state)[count:]

@@ -7,17 +7,14 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.numerics.discretize import Discrete, discretize
 from tridentify.numerics.realization import Cascade, cascade
 from tridentify.numerics.sampled import split_delay
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.slots import scatter_size, triangle_size
 from tridentify.structure import Structure
-
-Ints = NDArray[np.int64]
 
 CHUNK = 64
 """Samples that are kept for one fold into a triangle: blocks of QR are quicker than rotations, and
@@ -130,7 +127,7 @@ class Blueprint:
     nuisance : NuisanceColumns
     """
 
-    ints: Ints
+    ints: Indices
     constants: Array
     size: int
     poles: Complex
@@ -201,29 +198,65 @@ def _blueprint(
     kind: int = 0,
 ) -> Blueprint:
     m, p, q = setting.n_inputs, setting.n_outputs, poles.size
-    ints = np.zeros(slots.N_INTS, dtype=np.int64)
     columns = q * (m + nuisance.free) + m + nuisance.offset + nuisance.drift if q else 0
+    directions = setting.n_directions if q else 0
+    ints, plan, constants = places_of(
+        setting, poles, nuisance, columns, directions, chunk or (CHUNK if q == 0 else 0), kind
+    )
+    ints[slots.DRIFT] = nuisance.drift
+    ints[slots.DIRECTIONS_STRIDE] = directions * columns
+    ints[slots.COLLECTING] = q == 0
+    ints[slots.FACTOR] = triangle_size(columns)
+    ints[slots.AT_FACTOR] = plan.take(p * int(ints[slots.FACTOR]))
+    ints[slots.C_MAPS] = constants.take(p * directions * columns)
+    c = filled(constants.at, ints, setting, poles, forgetting)
+    return Blueprint(ints, c, plan.at, poles, nuisance)
+
+
+def places_of(
+    setting: Setting,
+    poles: Complex,
+    nuisance: NuisanceColumns,
+    columns: int,
+    directions: int,
+    chunk: int,
+    kind: int,
+) -> tuple[Indices, Places, Places]:
+    """``ints`` of what all estimators have, and where the vector and the constants go on.
+
+    Parameters
+    ----------
+    setting : Setting
+    poles : (q,) complex array
+        Of the bank.
+    nuisance : NuisanceColumns
+    columns : int
+        Width of a row.
+    directions : int
+        That the watch follows.
+    chunk : int
+        Samples for which there is room.
+    kind : int
+        Of forgetting.
+    """
+    m, p, q = setting.n_inputs, setting.n_outputs, poles.size
+    ints = np.zeros(slots.N_INTS, dtype=np.int64)
     ints[slots.INPUTS], ints[slots.OUTPUTS] = m, p
     ints[slots.ORDER], ints[slots.COLUMNS] = q, columns
-    ints[slots.FREE], ints[slots.OFFSET] = nuisance.free, nuisance.offset
-    ints[slots.DRIFT], ints[slots.KIND] = nuisance.drift, kind
+    ints[slots.FREE], ints[slots.OFFSET], ints[slots.KIND] = (*nuisance[:2], kind)
     ints[slots.BEGIN] = setting.late if nuisance.free else 0
     ints[slots.UPPER] = int(np.any(poles.imag != 0))
-    directions = setting.n_directions if q else 0
-    ints[slots.DIRECTIONS] = directions
-    ints[slots.DIRECTIONS_STRIDE] = directions * columns
-    ints[slots.BLOCK] = max(20, 4 * directions)
+    ints[slots.DIRECTIONS], ints[slots.BLOCK] = directions, max(20, 4 * directions)
     ints[slots.ALERT] = slots.LEVEL_OF_DOUBT
-    ints[slots.COLLECTING] = q == 0
-    ints[slots.CHUNK] = chunk or (CHUNK if q == 0 else 0)
+    ints[slots.EQUILIBRIUM] = setting.structure.initial_state == "equilibrium"
+    ints[slots.CHUNK] = chunk
     plan = Places(slots.INBOX + m + p)
     ints[slots.LINE] = max(whole for whole, _ in setting.shifts) + 3
     ints[slots.AT_LINE] = plan.take(m * int(ints[slots.LINE]))
     ints[slots.AT_REFERENCE] = plan.take(m)
     ints[slots.AT_FIRST_INPUT] = plan.take(m)
     ints[slots.AT_LARGEST] = plan.take(2 * (m + p))
-    ints[slots.EQUILIBRIUM] = setting.structure.initial_state == "equilibrium"
-    ints[slots.AT_CHUNK] = plan.take(int(ints[slots.CHUNK]) * (m + p + 1))
+    ints[slots.AT_CHUNK] = plan.take(chunk * (m + p + 1))
     judged = directions + directions * (directions + 1) // 2 + slots.SUMS
     ints[slots.WATCH] = slots.SCORES + 2 * directions + slots.SCALES * judged
     ints[slots.AT_WATCH] = plan.take(p * int(ints[slots.WATCH]))
@@ -231,27 +264,28 @@ def _blueprint(
     ints[slots.AT_SCATTER] = plan.take(p * int(ints[slots.SCATTER]))
     ints[slots.AT_ROW] = plan.take(columns)
     ints[slots.AT_WORK] = plan.take(max(columns, q))
-    ints[slots.FACTOR] = triangle_size(columns)
-    ints[slots.AT_FACTOR] = plan.take(p * int(ints[slots.FACTOR]))
     constants = Places(slots.CONSTANTS)
     ints[slots.C_STEP] = constants.take(q * q)
     ints[slots.C_TAPS] = constants.take(3 * m * q)
     ints[slots.C_DIRECT] = constants.take(2 * m)
     ints[slots.C_START] = constants.take(1 + q)
     ints[slots.C_EXTRA] = constants.take(m)
-    ints[slots.C_MAPS] = constants.take(p * directions * columns)
-    c = np.zeros(constants.at)
+    return ints, plan, constants
+
+
+def filled(size: int, ints: Indices, setting: Setting, poles: Complex, forgetting: float) -> Array:
+    """(size,) constants with those that all estimators have."""
+    c = np.zeros(size)
     c[slots.INTERVAL], c[slots.FORGETTING] = setting.dt, forgetting
     c[slots.PACE] = min(1.0, max(5.0 * (1.0 - forgetting), 1e-3))
-    found = Blueprint(ints, c, plan.at, poles, nuisance)
     for j, (whole, _) in enumerate(setting.shifts):
         c[ints[slots.C_EXTRA] + j] = whole
-    if q:
-        bank = found.bank
-        c[ints[slots.C_START]] = NEARLY_ZERO * np.abs(bank.b).max()
-        c[ints[slots.C_START] + 1 : ints[slots.C_START] + 1 + q] = bank.b
+    if poles.size:
+        bank, at = cascade(poles), int(ints[slots.C_START])
+        c[at] = NEARLY_ZERO * np.abs(bank.b).max()
+        c[at + 1 : at + 1 + poles.size] = bank.b
         fill_inputs(c, ints, setting, bank, setting.dt)
-    return found
+    return c
 
 
 def constants_for(blueprint: Blueprint, setting: Setting, intervals: Array) -> Array:
@@ -278,7 +312,7 @@ def discretize_each(bank: Cascade, intervals: Array, intersample: str) -> Discre
     return Discrete(found.transition, found.from_current[..., 0], found.from_next[..., 0])
 
 
-def fill_inputs(c: Array, ints: Ints, setting: Setting, bank: Cascade, interval: float) -> None:
+def fill_inputs(c: Array, ints: Indices, setting: Setting, bank: Cascade, interval: float) -> None:
     """Transition and taps of a bank for an interval between two samples [s]."""
     q, foh = bank.order, setting.intersample == "foh"
     b = bank.b[:, None]

@@ -6,14 +6,11 @@ from collections.abc import Iterator
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.online.kernels import gradient_slots as places
 from tridentify.online.kernels import slots
 from tridentify.online.layout import Blueprint, Setting
-
-Ints = NDArray[np.int64]
 
 WHOLE = 2.0**53
 """Beyond this a float does not count any more."""
@@ -93,7 +90,7 @@ def rules_of(stage: BesideVector, values: Array) -> Iterator[NumberRule]:
         yield NumberRule("a weight of a model", begin, end - begin)
 
 
-def _clock_rules(ints: Ints) -> Iterator[NumberRule]:
+def _clock_rules(ints: Indices) -> Iterator[NumberRule]:
     for slot in (slots.COUNT, slots.SINCE, slots.ALARM):
         yield NumberRule("a count of samples", slot, 1, 0.0, WHOLE, whole=True)
     yield NumberRule("a time", slots.TIME, 1, 0.0)
@@ -115,7 +112,7 @@ def _clock_rules(ints: Ints) -> Iterator[NumberRule]:
     yield NumberRule("a count of work", slots.WORK_AT, 3, 0.0, WHOLE, whole=True)
 
 
-def _watch_rules(ints: Ints, w: int, values: Array) -> Iterator[NumberRule]:
+def _watch_rules(ints: Indices, w: int, values: Array) -> Iterator[NumberRule]:
     """Of one output (`online.kernels.intake`)."""
     for slot in (slots.LAST, slots.AT_FIRST, slots.MEAN, slots.FITTED):
         yield NumberRule("a value of an output", w + slot, 1)
@@ -164,7 +161,7 @@ def _scatter_rules(k: int, at: int) -> Iterator[NumberRule]:
         yield NumberRule("a scatter", own + k + 2, width)
 
 
-def _triangle_rules(ints: Ints, at: int) -> Iterator[NumberRule]:
+def _triangle_rules(ints: Indices, at: int) -> Iterator[NumberRule]:
     """Of one output, or of all (`numerics.recursive`)."""
     n = int(ints[slots.COLUMNS])
     yield NumberRule("a diagonal", at, n, 0.0)
@@ -205,11 +202,11 @@ class BesideVector(Protocol):
         """What else a method keeps."""
 
 
-def on_equation(ints: Ints) -> bool:
+def on_equation(ints: Indices) -> bool:
     """Whether an estimator regresses on the differential equation."""
     return bool(ints[slots.COEFFICIENTS])
 
 
-def by_gradient(ints: Ints) -> bool:
+def by_gradient(ints: Indices) -> bool:
     """Whether an estimator follows the gradient rule."""
     return bool(ints[places.X_FITS])

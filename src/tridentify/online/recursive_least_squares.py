@@ -5,19 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from tridentify.estimation.methods.filtered.state_variable_filters import checked_filter
+from tridentify.estimation.methods.filtered.filter_cascade import checked_filter
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.online.asked import check_choice, check_forgetting
 from tridentify.online.equation import EquationError
 from tridentify.online.equation_plan import equation_blueprint
 from tridentify.online.kernels.slots import DIRECTIONAL, EXPONENTIAL, RESETTING
-from tridentify.online.layout import (
-    Blueprint,
-    Setting,
-)
-from tridentify.online.search import (
-    checked_start,
-)
+from tridentify.online.layout import Blueprint, Setting
+from tridentify.online.search import checked_start
 from tridentify.transfer_function import TransferFunction
 
 KINDS = {"exponential": EXPONENTIAL, "directional": DIRECTIONAL, "resetting": RESETTING}

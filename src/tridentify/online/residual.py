@@ -54,16 +54,9 @@ def left_by(setting: Setting, record: Record, theta: Array) -> Array:
     theta : (n_coefficients,) array
     """
     model, p, n = model_of(setting, theta), setting.n_outputs, setting.n_poles
-    rested = Record(
-        np.zeros_like(record.u), record.y, dt=record.dt, t=None if record.dt else record.t,
-        input_names=record.input_names, output_names=record.output_names,
-    )  # fmt: skip
+    rested = record._derive(u=np.zeros_like(record.u), intersample="zoh")
     free = [simulate(model, rested, free_response=np.tile(np.eye(n)[k], (p, 1))) for k in range(n)]
-    driven = simulate(model, Record(
-        record.u - record.u[0], record.y, dt=record.dt, t=None if record.dt else record.t,
-        intersample=record.intersample, input_names=record.input_names,
-        output_names=record.output_names,
-    ))  # fmt: skip
+    driven = simulate(model, record._derive(u=record.u - record.u[0]))
     left = record.y - driven
     for i in range(p):
         table = np.column_stack([*(one[:, i] for one in free), np.ones(len(left))])

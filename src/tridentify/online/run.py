@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from tridentify.errors import DataError, OptionError, SampleTypeError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.trace import freeze_arrays
 from tridentify.numerics.arrays import Array
-from tridentify.online.asked import NotReadyError
+from tridentify.online.asked import NotReadyError, check_above_zero
 from tridentify.online.estimator import Estimator
 from tridentify.online.flags import Flag
 from tridentify.online.state import State
@@ -201,9 +200,5 @@ def _intervals(records: Sequence[Record], dt: float) -> Array | None:
 def _block(every: float | None, dt: float, n_samples: int) -> int:
     if every is None:
         return max(-(-n_samples // POINTS), 1)
-    number = isinstance(every, (int, float)) and not isinstance(every, bool)
-    if not number or not 0.0 < every < math.inf:
-        raise OptionError(
-            f"found every={shown(every)}; expected a time above zero, in seconds; correct it"
-        )
+    check_above_zero("every", every, "seconds")
     return max(round(every / dt), 1)

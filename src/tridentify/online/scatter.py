@@ -29,9 +29,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Flags, Indices
 from tridentify.online.kernels import slots
 from tridentify.online.layout import Blueprint, watch_of
 
@@ -162,7 +161,7 @@ def expect_scatter(blueprint: Blueprint, x: Array) -> None:
             x[mean_of_scores(blueprint, w, scale)] = max(ratio - 1.0, 0.0)
 
 
-def turn_scatter(blueprint: Blueprint, x: Array, own: list[NDArray[np.int64]], move: Array) -> None:
+def turn_scatter(blueprint: Blueprint, x: Array, own: list[Indices], move: Array) -> None:
     """Go over to other directions.
 
     Parameters
@@ -195,7 +194,7 @@ def with_scatter(
     x: Array,
     cov: Array,
     variance: Array,
-    own: list[NDArray[np.int64]],
+    own: list[Indices],
     map_: Array,
 ) -> Array:
     """The covariance of the coefficients, as the scatter of the scores shows it.
@@ -244,7 +243,7 @@ def with_scatter(
 class _Scores(NamedTuple):
     """Of all outputs: which directions were seen, their units, and matrices in these."""
 
-    live: NDArray[np.bool_]
+    live: Flags
     unit: Array
     inverse: Array
     sums: Array
@@ -252,7 +251,7 @@ class _Scores(NamedTuple):
 
 
 def _scores_of(
-    blueprint: Blueprint, x: Array, variance: Array, own: list[NDArray[np.int64]], n: int
+    blueprint: Blueprint, x: Array, variance: Array, own: list[Indices], n: int
 ) -> _Scores | None:
     """The scatter of all outputs together; None where it does not tell yet."""
     others = n
@@ -287,7 +286,7 @@ def _scores_of(
 
 
 def widened(
-    blueprint: Blueprint, x: Array, cov: Array, variance: Array, own: list[NDArray[np.int64]]
+    blueprint: Blueprint, x: Array, cov: Array, variance: Array, own: list[Indices]
 ) -> Array:
     """A covariance that is not of all samples, with the standard errors widened as theirs would be.
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.estimation.likelihood.nuisance import Nuisances, build
-from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.online.estimator import Estimator
 from tridentify.online.kernels import gradient_slots, slots
-from tridentify.online.layout import CHUNK, Blueprint, Setting, watch_of
-from tridentify.online.search import next_try, record_of
+from tridentify.online.layout import CHUNK, Blueprint, Setting, collecting, fresh, watch_of
+from tridentify.online.search import first_try, next_try, record_of
 from tridentify.online.state import Stage, State
 from tridentify.online.task import Task
 
@@ -26,9 +25,17 @@ PLACES = (
 """In ``ints``: what may stand in the vector behind the room for samples."""
 
 
+def waiting(method: Estimator, setting: Setting) -> State:
+    """The state before the first sample, where the first samples are to be searched for a model."""
+    blueprint = collecting(setting)
+    x = fresh(blueprint)
+    x[slots.TICK] = first_try(setting)
+    return State(x, Stage(method, setting, blueprint, blueprint.poles))
+
+
 def run_kept(
     method: Estimator, setting: Setting, blueprint: Blueprint, x: Array, samples: Array
-) -> NDArray[np.int64]:
+) -> Indices:
     """Run kept samples through the kernel of a method, events passed over; gives the flags."""
     m = setting.n_inputs
     u = np.ascontiguousarray(samples[:, 1 : 1 + m])
@@ -54,7 +61,7 @@ def run_kept(
     return flags
 
 
-def without(samples: Array, flags: NDArray[np.int64], n_inputs: int) -> Array | None:
+def without(samples: Array, flags: Indices, n_inputs: int) -> Array | None:
     """The samples without the outputs that were found doubtful; None where none was."""
     doubted = (flags & slots.DOUBTED) > 0
     doubted &= np.any(np.isfinite(samples[:, 1 + n_inputs :]), axis=1)
@@ -112,6 +119,20 @@ def rearranged(old: Blueprint, x: Array, new: Blueprint) -> Array:
     found[int(new.ints[slots.AT_WATCH]) :] = x[int(old.ints[slots.AT_WATCH]) :]
     found[slots.FILLED] = 0.0
     return found
+
+
+def roomed(state: State, keep: bool, past: tuple[Array, ...]) -> State:
+    """The same estimator with, or without, room for samples; ``past`` are those that are kept."""
+    x, stage = state
+    room = with_room(stage.blueprint, keep)
+    x = rearranged(stage.blueprint, x, room)
+    return State(x, stage.but(blueprint=room, past=past))
+
+
+def told_changed(x: Array, lasts: int) -> None:
+    """The coefficients have moved: it is told for so many samples."""
+    x[slots.ALARM] = x[slots.COUNT] + lasts
+    x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.CHANGED)
 
 
 def shortened(state: State, samples: Array) -> State:

@@ -6,25 +6,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import ZeroOutputError
 from tridentify.estimation.answer.assemble import Request, assemble
 from tridentify.estimation.answer.estimate import Estimate, Status, Step, Trace
 from tridentify.estimation.likelihood.answer import Ending, solved_at
 from tridentify.estimation.likelihood.cost import Point, evaluate_variant
-from tridentify.estimation.likelihood.levenberg_marquardt import (
-    Recorder,
-    criterion,
-    finishing,
-)
+from tridentify.estimation.likelihood.levenberg_marquardt import Recorder, criterion, finishing
 from tridentify.estimation.likelihood.linear_columns import linear_blocks
 from tridentify.estimation.likelihood.nuisance import Nuisances
 from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.likelihood.thresholds import EQUAL, SETTLED_LONG, TRUSTED
 from tridentify.estimation.search.passes import adapting, series_model
 from tridentify.models.regression import Regression
-from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.numerics.slices import Slices, drain
 from tridentify.online.equation_plan import from_directions
 from tridentify.online.findings import noise_finding
@@ -211,7 +206,7 @@ def directions_of(setting: Setting, blueprint: Blueprint, solution: StepsEnd) ->
     return found
 
 
-def coefficients_of_directions(setting: Setting) -> list[NDArray[np.int64]]:
+def coefficients_of_directions(setting: Setting) -> list[Indices]:
     """For each output the coefficient of each of its directions; -1 for a constant."""
     n, begin = setting.n_poles, setting.n_poles
     found = []

@@ -22,7 +22,7 @@ from tridentify.online.estimator import Estimator, kept_samples
 from tridentify.online.kernels import slots
 from tridentify.online.scatter import wonted
 from tridentify.online.search import FoundPoles, first_try
-from tridentify.online.starting import advanced, calm, idle, rearranged, with_room
+from tridentify.online.starting import advanced, calm, idle, roomed, told_changed
 from tridentify.online.state import Stage, State
 from tridentify.online.suspicion import DOUBTED, TRIED, Old, packed, unpacked
 from tridentify.online.task import Task
@@ -76,15 +76,13 @@ class Suspecting(Estimator):
             return state
         here = x[slots.COUNT]
         present, witness = self._answer(state), self._witness(stage)
-        blueprint = stage.blueprint
-        if not blueprint.ints[slots.CHUNK]:
-            blueprint = with_room(blueprint, True)
-            x = rearranged(stage.blueprint, x, blueprint)
+        if not stage.blueprint.ints[slots.CHUNK]:
+            x, stage = roomed(state, True, stage.past)
         x[slots.OWN_TICK] = x[slots.TICK] if x[slots.TICK] >= here else 0.0
         x[slots.SUSPECT], x[slots.DUE] = here, here + TRIED * first_try(stage.setting)
         _set_tick(x)
         arrays = (*stage.extra[: self.own_arrays], *packed(present), *packed(witness))
-        return State(x, stage.but(blueprint=blueprint, extra=arrays, task=None))
+        return State(x, stage.but(extra=arrays, task=None))
 
     def full(self, state: State) -> State:
         """No more samples are kept once the witness can be made of those that are."""
@@ -92,9 +90,7 @@ class Suspecting(Estimator):
         room = stage.blueprint.poles.size and stage.blueprint.ints[slots.CHUNK]
         if not room or x[slots.SUSPECT] or stage.searching or len(kept_samples(state)) < MOST_KEPT:
             return state
-        blueprint = with_room(stage.blueprint, False)
-        x = rearranged(stage.blueprint, x, blueprint)
-        return State(x, stage.but(blueprint=blueprint, past=(kept_samples(state),)))
+        return roomed(state, False, (kept_samples(state),))
 
     # -------------------------------------------------------------------------- the suspicion
     def _answer(self, state: State) -> Old | None:
@@ -159,9 +155,7 @@ class Suspecting(Estimator):
             state = self.begun_again(state, verdict.found, samples)
             arrays = (*state.stage.extra[: self.own_arrays], *packed(verdict.after))
             state = State(state.values, state.stage.but(extra=arrays))
-        x = state.values
-        x[slots.ALARM] = x[slots.COUNT] + ALARM_LASTS
-        x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.CHANGED)
+        told_changed(state.values, ALARM_LASTS)
         return state
 
     def _dropped(self, state: State, witness: Old | None) -> State:
@@ -172,13 +166,10 @@ class Suspecting(Estimator):
         x[slots.SUSPECT] = x[slots.DUE] = 0.0
         x[slots.TICK], x[slots.OWN_TICK] = x[slots.OWN_TICK], 0.0
         calm(x, stage)
-        blueprint, past = stage.blueprint, stage.past
         if not all_kept:
-            blueprint = with_room(blueprint, False)
-            x = rearranged(stage.blueprint, x, blueprint)
-            past = (beginning,) if len(beginning) else ()
+            x, stage = roomed(state, False, (beginning,) if len(beginning) else ())
         arrays = (*stage.extra[: self.own_arrays], *(() if witness is None else packed(witness)))
-        return State(x, stage.but(blueprint=blueprint, past=past, extra=arrays))
+        return State(x, stage.but(extra=arrays))
 
 
 def _set_tick(x: Array) -> None:

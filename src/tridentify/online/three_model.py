@@ -53,36 +53,38 @@ from typing import ClassVar
 
 import numpy as np
 
-from tridentify.errors import OptionError, TridentifyError, shown
+from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.methods.base import check_count
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.threads import one_blas_thread
-from tridentify.online.asked import check_choice, check_forgetting, is_number, not_ready
+from tridentify.online.asked import check_above_zero, check_choice, check_forgetting, not_ready
 from tridentify.online.estimator import CompiledKernels, check_asked, kept_samples
 from tridentify.online.findings import with_findings
 from tridentify.online.follow import Turn, following, turned
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.slots import DIRECTIONAL, EXPONENTIAL
-from tridentify.online.launch import (
-    Launch,
-    Planner,
-    all_but,
-    launched,
-    reference_of,
-    searching_launch,
-)
+from tridentify.online.launch import Launch, Planner, launched, reference_of, searching_launch
 from tridentify.online.layout import (
     Blueprint,
     NuisanceColumns,
     Setting,
     collecting,
-    constants_for,
     fresh,
     parallel,
 )
 from tridentify.online.scatter import wonted
 from tridentify.online.search import checked_start, first_try, poles_of_start
-from tridentify.online.starting import advanced, again, calm, idle, rearranged, shortened, with_room
+from tridentify.online.starting import (
+    advanced,
+    again,
+    calm,
+    idle,
+    roomed,
+    shortened,
+    told_changed,
+    waiting,
+)
 from tridentify.online.state import Stage, State
 from tridentify.online.steps import estimate_of, solve_steps
 from tridentify.online.suspicion import DOUBTED, TRIED, Look, Old, packed, trying, unpacked
@@ -171,25 +173,13 @@ class ThreeModel(Planner):
         check_choice("forget", self.forget, tuple(KINDS))
         check_choice("on_change", self.on_change, ("restart", "flag"))
         object.__setattr__(self, "start", checked_start(self.start))
-        whole = isinstance(self.samples, int) and not isinstance(self.samples, bool)
-        if not whole or self.samples < LEAST_SAMPLES:
-            raise OptionError(
-                f"found samples={shown(self.samples)}; expected a whole number of at least "
-                f"{LEAST_SAMPLES}; leave it out or correct it"
-            )
-        if self.clock is not None and not (is_number(self.clock) and 0.0 < self.clock < np.inf):
-            raise OptionError(
-                f"found clock={shown(self.clock)}; expected a time above zero, in seconds; leave "
-                "it out or correct it"
-            )
+        check_count("samples", self.samples, LEAST_SAMPLES)
+        check_above_zero("clock", self.clock, "seconds")
 
     def begin(self, setting: Setting) -> State:
         """The state before the first sample."""
         if self.start is None:
-            blueprint = collecting(setting)
-            x = fresh(blueprint)
-            x[slots.TICK] = first_try(setting)
-            return State(x, Stage(self, setting, blueprint, blueprint.poles))
+            return waiting(self, setting)
         poles = poles_of_start(self.start, setting)
         blueprint = self.plan(setting, poles, NuisanceColumns.of(setting.structure, False), True)
         x = fresh(blueprint)
@@ -209,10 +199,6 @@ class ThreeModel(Planner):
     def is_ready(self, state: State) -> bool:
         """Whether a model has been found."""
         return not state.stage.searching
-
-    def constants_for(self, blueprint: Blueprint, setting: Setting, intervals: Array) -> Array:
-        """``c`` for samples that come after other intervals."""
-        return constants_for(blueprint, setting, intervals)
 
     def tick(self, state: State) -> State:
         """A slice of the search, or of the look at where the poles have moved."""
@@ -287,7 +273,7 @@ class ThreeModel(Planner):
         """Look for a change without an alarm, if there are samples enough before it."""
         since = state.values[slots.SINCE]
         if certain and since > self.samples and state.stage.blueprint.ints[slots.CHUNK]:
-            state = self._emptied(state)
+            state = roomed(state, False, ())
         own_pace = self.forgetting == 1.0 and self.clock is None
         enough = since >= DOUBTED * first_try(state.stage.setting)
         return self._suspecting(state, False) if own_pace and enough else state
@@ -309,19 +295,17 @@ class ThreeModel(Planner):
 
     def _suspecting(self, state: State, alarm: bool) -> State:
         """Samples are kept from here on, for a look at them."""
+        if not state.stage.blueprint.ints[slots.CHUNK]:
+            state = roomed(state, True, ())
         x, stage = state
         here = x[slots.COUNT]
-        blueprint, past = stage.blueprint, stage.past
-        if not blueprint.ints[slots.CHUNK]:
-            room = with_room(blueprint, True)
-            x, blueprint, past = rearranged(blueprint, x, room), room, ()
         wait = (TRIED if alarm else DOUBTED) * first_try(stage.setting)
         x[slots.LOOK] = 0.0 if alarm else here
         # of an alarm: when the clock was due, which it will be as soon as the suspicion is over
         x[slots.OWN_TICK if alarm else slots.FIRST_LOOK] = x[slots.TICK] if alarm else here
         x[slots.SUSPECT], x[slots.TICK] = here, here + wait
         extra = (x.copy(), *_witness(stage))
-        return State(x, stage.but(blueprint=blueprint, past=past, extra=extra, task=None))
+        return State(x, stage.but(extra=extra, task=None))
 
     def _judged(self, state: State, found: Look, samples: Array, rest: Array) -> State:
         """A suspicion that was looked into: a change, none, or not known yet."""
@@ -334,8 +318,7 @@ class ThreeModel(Planner):
             else:
                 state = self._dropped(State(x, changed), found.after)
             x = state.values
-            x[slots.ALARM] = count + ALARM_LASTS
-            x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.CHANGED)
+            told_changed(x, ALARM_LASTS)
             return state
         if len(samples) >= DOUBTED * first_try(stage.setting):
             looked = count - x[slots.FIRST_LOOK]
@@ -360,18 +343,12 @@ class ThreeModel(Planner):
             calm(x, stage)
         x[slots.SUSPECT] = x[slots.LOOK] = x[slots.FIRST_LOOK] = 0.0
         if x[slots.SINCE] > len(kept_samples(state)):
-            x, stage = self._emptied(state)
+            x, stage = roomed(state, False, ())
         # a look does not hold the clock up: alarm after alarm would keep the poles where they are
         due = min(self.next_tick(x, stage.setting) - (1.0 + SHARE) * looked, waiting)
         x[slots.OWN_TICK] = waiting if waiting <= x[slots.COUNT] else 0.0
         x[slots.TICK] = max(np.ceil(due), x[slots.COUNT] + SHORTEST_TICK // 2)
         return State(x, stage.but(extra=() if witness is None else packed(witness)))
-
-    def _emptied(self, state: State) -> State:
-        """No samples are kept any more."""
-        x, stage = state
-        room = with_room(stage.blueprint, False)
-        return State(rearranged(stage.blueprint, x, room), stage.but(blueprint=room, past=()))
 
     def estimate(self, state: State) -> Estimate:
         """The coefficients with their standard errors.
@@ -413,10 +390,9 @@ class ThreeModel(Planner):
         if x[slots.WORK_DONE]:
             found = (stage.task or self._task(state)).result()
             if isinstance(found, Launch):
+                rest = kept_samples(state)[len(found.samples) :]
                 with one_blas_thread():
-                    return launched(
-                        self, State(x.copy(), stage), found, all_but(state, len(found.samples))
-                    )
+                    return launched(self, State(x.copy(), stage), found, rest)
         raise not_ready(int(x[slots.COUNT]), "are still searched for a model")
 
     # ---------------------------------------------------------------------------- the slow clock

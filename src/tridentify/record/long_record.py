@@ -27,9 +27,7 @@ from tridentify.errors import (
     shown,
 )
 from tridentify.numerics.arrays import Array
-from tridentify.record.checks.samples import (
-    Intersample,
-)
+from tridentify.record.checks.samples import Intersample
 from tridentify.record.checks.times import TIME_TOLERANCE
 from tridentify.record.formats.assemble import Wanted, find_channel, record_from, time_channels
 from tridentify.record.formats.channels import SECONDS

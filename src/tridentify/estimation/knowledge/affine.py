@@ -21,7 +21,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
 from tridentify.errors import (
     ContradictoryConstraintsError,
@@ -29,7 +28,7 @@ from tridentify.errors import (
     UnsupportedError,
     shown,
 )
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Flags
 from tridentify.structure import Structure
 from tridentify.writing.layout import format_sum
 
@@ -76,7 +75,7 @@ class Knowledge:
     integrators: int
 
     @property
-    def determined(self) -> NDArray[np.bool_]:
+    def determined(self) -> Flags:
         """(p,) which coefficients the equalities determine."""
         return np.asarray(~np.any(self.directions, axis=1))
 
@@ -98,6 +97,12 @@ class Knowledge:
             and self.n_free == self.origin.size
             and not (np.isfinite(self.spread).any())
         )
+
+    def prior_rows(self, directions: Array, theta: Array) -> tuple[Array, Array]:
+        """What the priors say of a step along directions from ``theta``: rows and their targets."""
+        prior = np.isfinite(self.spread)
+        pull = (self.mean - theta)[prior] / self.spread[prior]
+        return directions[prior] / self.spread[prior, None], pull
 
     def penalty(self, theta: Array) -> float:
         """Minus two log prior, up to a constant."""

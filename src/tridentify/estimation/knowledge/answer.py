@@ -204,9 +204,8 @@ def spread_of(reached: ConstrainedEnd, noise: Array) -> ConstrainedSpread:
     here, known = reached.fit, reached.known
     free = free_directions(known, reached.active)
     where, matrix = _joint(here, free, noise)
-    prior = np.isfinite(known.spread)
-    held = np.zeros((int(prior.sum()), matrix.shape[1]))
-    held[:, : free.shape[1]] = free[prior] / known.spread[prior, None]
+    held = known.prior_rows(free, here.theta)[0]
+    held = np.pad(held, ((0, 0), (0, matrix.shape[1] - free.shape[1])))
     matrix = np.vstack([matrix, held])
     norms = np.sqrt(np.einsum("ij,ij->j", matrix, matrix))
     norms = np.where(norms > 0, norms, 1.0)

@@ -26,7 +26,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -156,10 +155,7 @@ def _free_maximum(
     patience: Patience,
 ) -> ConstrainedEnd | None:
     """The free minimum of the same cost, or None where there is none to compare with."""
-    plain = replace(
-        structure, fixed=None, bounds=None, equalities=None, priors=None, static_gain=None
-    )
-    open_ = known_of(plain, record.input_names, record.output_names, scale)
+    open_ = known_of(structure.unconstrained, record.input_names, record.output_names, scale)
     starts = [seeds[0], within.fit.theta]
     ends = [
         descend(problem, open_, theta, patience)

@@ -21,23 +21,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.estimation.answer.estimate import Status
 from tridentify.estimation.knowledge.affine import Knowledge
 from tridentify.estimation.knowledge.bounded import bounded_least_squares
 from tridentify.estimation.knowledge.fixed_denominator import HeldFit, fit, place, poles_from
-from tridentify.estimation.likelihood.levenberg_marquardt import (
-    ROUNDING_SQUARED,
-    Patience,
-)
+from tridentify.estimation.likelihood.levenberg_marquardt import ROUNDING_SQUARED, Patience
 from tridentify.estimation.likelihood.problem import LEAST_DAMPED, TOO_FAST, Problem
-from tridentify.estimation.likelihood.thresholds import (
-    IDLE,
-    NEARLY_SETTLED,
-    SENSELESS,
-)
-from tridentify.numerics.arrays import Array
+from tridentify.estimation.likelihood.thresholds import IDLE, NEARLY_SETTLED, SENSELESS
+from tridentify.numerics.arrays import Array, Flags, Indices
 
 SHRINK = 0.1
 """Share of a coefficient of the denominator that one step leaves at least, so that no step crosses
@@ -134,7 +126,7 @@ class ConstrainedEnd:
         return cost(self.fit, self.known)
 
     @property
-    def active(self) -> NDArray[np.bool_]:
+    def active(self) -> Flags:
         """(p,) which coefficients lie at a bound that holds them there."""
         return np.asarray(self.multipliers != 0)
 
@@ -278,9 +270,7 @@ def _solved(
     theta: Array, matrix: Array, residual: Array, here: HeldFit, known: Knowledge, damping: float
 ) -> DescentStep:
     directions = known.directions
-    prior = np.isfinite(known.spread)
-    pull = (known.mean - theta)[prior] / known.spread[prior]
-    held = directions[prior] / known.spread[prior, None]
+    held, pull = known.prior_rows(directions, theta)
     data = matrix @ directions
     whole = np.vstack([data, held])
     target = np.concatenate([residual, pull])
@@ -309,7 +299,7 @@ def _fall(
     return -n * float(np.log(ratio)) + known.penalty(old) - known.penalty(new)
 
 
-def _inequalities(theta: Array, known: Knowledge) -> tuple[Array, Array, NDArray[np.int64]]:
+def _inequalities(theta: Array, known: Knowledge) -> tuple[Array, Array, Indices]:
     """Rows, least values and owners (+-(position + 1); 0: stability) for the next ``z``."""
     floor = np.full(theta.size, -np.inf)
     floor[known.moving] = SHRINK * theta[known.moving]
@@ -330,7 +320,7 @@ def _inequalities(theta: Array, known: Knowledge) -> tuple[Array, Array, NDArray
 
 
 def _snapped(
-    theta: Array, known: Knowledge, multipliers: Array, owner: NDArray[np.int64]
+    theta: Array, known: Knowledge, multipliers: Array, owner: Indices
 ) -> tuple[Array, Array]:
     """Coefficients at active bounds set on them; multipliers per coefficient."""
     theta, slopes = theta.copy(), np.zeros(theta.size)
@@ -342,11 +332,11 @@ def _snapped(
     return np.clip(theta, known.low, known.high), slopes
 
 
-def _at_bound(known: Knowledge, theta: Array) -> NDArray[np.bool_]:
+def _at_bound(known: Knowledge, theta: Array) -> Flags:
     return np.asarray((theta == known.low) | (theta == known.high))
 
 
-def free_directions(known: Knowledge, active: NDArray[np.bool_]) -> Array:
+def free_directions(known: Knowledge, active: Flags) -> Array:
     """(p, k) directions along equalities and active bounds, each of the size of a coefficient."""
     if not active.any():
         return known.directions
@@ -362,13 +352,12 @@ def free_directions(known: Knowledge, active: NDArray[np.bool_]) -> Array:
     return np.asarray(found)
 
 
-def gradient_share(here: HeldFit, known: Knowledge, active: NDArray[np.bool_]) -> float:
+def gradient_share(here: HeldFit, known: Knowledge, active: Flags) -> float:
     """Share of the weighted residual (and of the pull of the priors) along the free directions."""
     matrix, residual = here.weighted()
-    prior = np.isfinite(known.spread)
     free = free_directions(known, active)
-    whole = np.vstack([matrix @ free, free[prior] / known.spread[prior, None]])
-    pull = (known.mean - here.theta)[prior] / known.spread[prior]
+    held, pull = known.prior_rows(free, here.theta)
+    whole = np.vstack([matrix @ free, held])
     target = np.concatenate([residual, pull])
     total = float(np.linalg.norm(target))
     if not whole.shape[1] or not total:

@@ -1,11 +1,11 @@
 """A constrained estimate from a free one.
 
-A method searches as it always does, without the constraints (`seen` gives the problem it is to
-look at: with integrators the inputs are integrated and the poles at the origin left out). Its end
-is one of the starts of the constrained steps (`starts`), beside the seeds it had. The nuisance
-terms are those of the lowest AICc, each choice followed to its own constrained maximum; a noise
-model is fitted to the constrained residual anew, in turn with the coefficients, until these stand
-still (`likelihood.noise_model`).
+A method searches as it always does, without the constraints (`free_problem.seen` gives the problem
+it is to look at: with integrators the inputs are integrated and the poles at the origin left out).
+Its end is one of the starts of the constrained steps (`starts`), beside the seeds it had. The
+nuisance terms are those of the lowest AICc, each choice followed to its own constrained maximum; a
+noise model is fitted to the constrained residual anew, in turn with the coefficients, until these
+stand still (`likelihood.noise_model`).
 """
 
 from __future__ import annotations
@@ -42,7 +42,9 @@ from tridentify.estimation.knowledge.descend import (
     is_stable,
     step,
 )
+from tridentify.estimation.knowledge.free_problem import widened
 from tridentify.estimation.knowledge.reach import check_reach
+from tridentify.estimation.knowledge.sizes import scale_of, spread_of
 from tridentify.estimation.knowledge.starts import further_points, starting_points
 from tridentify.estimation.likelihood.levenberg_marquardt import Patience
 from tridentify.estimation.likelihood.noise_model import (
@@ -111,59 +113,10 @@ def resolve(records: Sequence[Record], structure: Structure) -> Knowledge:
     """
     refuse_structure(structure)
     inputs, outputs = records[0].input_names, records[0].output_names
-    scale, spread = _scale(records, structure), _spread(records, structure)
+    scale, spread = scale_of(records, structure), spread_of(records, structure)
     rows = equalities_of(structure, inputs, outputs)
     check_reach(structure, structure.names(inputs, outputs), rows, scale, spread)
     return known_of(structure, inputs, outputs, scale)
-
-
-def seen(
-    records: Sequence[Record], structure: Structure, known: Knowledge
-) -> tuple[list[Record], Structure] | None:
-    """The free problem that a search is to look at; None where there is no pole to be found.
-
-    With ``k`` integrators ``b / (p^k a') u`` is ``b / a'`` driven by the ``k``-fold integral of the
-    input, joined by straight lines here: exact for one integrator of a held input, and near enough
-    for a start otherwise.
-    """
-    k = known.integrators
-    plain = replace(
-        structure, fixed=None, bounds=None, equalities=None, priors=None, static_gain=None
-    )
-    if not k:
-        return list(records), plain
-    n = known.n_poles - k
-    if n == 0:
-        return None
-    zeros = structure.zeros_matrix(records[0].n_outputs, records[0].n_inputs)
-    fewer = [[min(m, n) for m in row] for row in zeros]
-    integrated = [_integrated(record, k, structure) for record in records]
-    trim = structure.initial_state == "equilibrium"
-    offset = True if trim else structure.offset
-    state = "rest" if trim else structure.initial_state
-    return integrated, replace(plain, poles=n, zeros=fewer, offset=offset, initial_state=state)
-
-
-def _integrated(record: Record, count: int, structure: Structure) -> Record:
-    """The record with its inputs integrated over time."""
-    u, steps = np.array(record.u), np.diff(record.t)[:, None]
-    if structure.initial_state == "equilibrium":
-        u = u - u[0]
-    held = record.behaviour == "zoh"
-    for _ in range(count):
-        areas = u[:-1] if held else 0.5 * (u[:-1] + u[1:])
-        u = np.vstack([np.zeros(u.shape[1]), np.cumsum(areas * steps, axis=0)])
-        held = False
-    return Record(
-        u,
-        record.y,
-        dt=record.dt,
-        t=record.t if record.dt is None else None,
-        intersample="foh",
-        **record._loop,
-        input_names=record.input_names,
-        output_names=record.output_names,
-    )
 
 
 def constrain(
@@ -202,9 +155,9 @@ def constrain(
     records, structure = asked.records, asked.structure
     choices = _choices(records, structure, known)
     starts = _distinct(
-        [_widened(one, records, structure, known) for one in seeds.coefficients], known
+        [widened(one, records, structure, known) for one in seeds.coefficients], known
     )
-    scale = _scale(records, structure, starts[0] if starts else None, known)
+    scale = scale_of(records, structure, starts[0] if starts else None, known)
     first = records[0]
     known = known_of(structure, first.input_names, first.output_names, scale)
     fullest = choices[-1]
@@ -430,63 +383,6 @@ def problem_for(
         shifted = np.ascontiguousarray(e.u - start) if np.any(start) else e.u
         experiments.append(replace(e, u=shifted))
     return replace(problem, experiments=tuple(experiments))
-
-
-def _widened(
-    theta: Array, records: Sequence[Record], structure: Structure, known: Knowledge
-) -> Array:
-    """Coefficients of the free problem as coefficients of the structure."""
-    k = known.integrators
-    if not k:
-        return theta
-    n = known.n_poles - k
-    parts, at = [theta[:n], np.zeros(k)], n
-    for row in structure.zeros_matrix(records[0].n_outputs, records[0].n_inputs):
-        for m in row:
-            own = min(m, n) + 1
-            parts += [np.zeros(m + 1 - own), theta[at : at + own]]
-            at += own
-    return np.concatenate(parts)
-
-
-def _scale(
-    records: Sequence[Record],
-    structure: Structure,
-    theta: Array | None = None,
-    known: Knowledge | None = None,
-) -> Array:
-    """(p,) sizes of the coefficients: powers of a typical rate, and ratios of the signals."""
-    n = structure.common_poles
-    rate = (_shortest(records) * _longest(records)) ** -0.5
-    if theta is not None and known is not None and known.n_poles > known.integrators:
-        moving = theta[known.moving]
-        rate = abs(float(moving[-1])) ** (1.0 / moving.size) or rate
-    parts = [rate ** np.arange(1.0, n + 1.0)]
-    zeros = structure.zeros_matrix(records[0].n_outputs, records[0].n_inputs)
-    for i, row in enumerate(zeros):
-        y = np.concatenate([record.y[:, i] for record in records])
-        size = float(np.nanstd(y)) or 1.0
-        for j, m in enumerate(row):
-            u = float(np.sqrt(np.mean(np.concatenate([r.u[:, j] for r in records]) ** 2))) or 1.0
-            parts.append(size / u * rate ** np.arange(n - m, n + 1.0))
-    return np.concatenate(parts)
-
-
-def _shortest(records: Sequence[Record]) -> float:
-    return min(float(np.median(np.diff(record.t))) for record in records)
-
-
-def _longest(records: Sequence[Record]) -> float:
-    return max(record.duration for record in records)
-
-
-def _spread(records: Sequence[Record], structure: Structure) -> Array:
-    """(p,) how far from `_scale` the slowest and the quickest poles of the records lead."""
-    n = structure.common_poles
-    factor = (_longest(records) / _shortest(records)) ** 0.5
-    zeros = structure.zeros_matrix(records[0].n_outputs, records[0].n_inputs)
-    powers = [np.arange(n - m, n + 1.0) for row in zeros for m in row]
-    return np.asarray(factor ** np.concatenate([np.arange(1.0, n + 1.0), *powers]))
 
 
 def _trace(

@@ -39,7 +39,7 @@ from tridentify.estimation.knowledge.descend import (
 from tridentify.estimation.knowledge.fixed_denominator import Denominator, HeldFit, place
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.estimation.likelihood.thresholds import PASS_WITHIN
-from tridentify.models.response import Response
+from tridentify.models.response import ColumnBlocks, Response
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.least_squares import solve
 from tridentify.numerics.realization import denominator
@@ -237,9 +237,7 @@ def _step_two(here: Denominator, known: Knowledge, start: Array) -> Array | None
 
 
 def _within(matrix: Array, target: Array, known: Knowledge, start: Array) -> Array | None:
-    prior = np.isfinite(known.spread)
-    held = known.directions[prior] / known.spread[prior, None]
-    pull = (known.mean - start)[prior] / known.spread[prior]
+    held, pull = known.prior_rows(known.directions, start)
     free = ~known.determined
     low = known.low.copy()
     low[known.moving] = np.maximum(low[known.moving], 1e-3 * start[known.moving])
@@ -271,8 +269,9 @@ def _parallel(here: Denominator) -> tuple[Response, Array]:
     select = np.eye(order)[:, used]
     for i in range(problem.n_outputs):
         counts = sum(regression.counts[i] for regression in here.regressions)
-        columns, target, widths = _parallel_columns(here, i, select)
-        solution = solve(columns, target)
+        columns = _parallel_columns(here, i, select)
+        matrix, target = columns.assemble()
+        solution = solve(np.ascontiguousarray(matrix), np.ascontiguousarray(target))
         variance[i] = solution.cost / counts + 1e-30 * problem.power[i]
         at = 0
         for j, m in enumerate(problem.n_zeros[i]):
@@ -281,30 +280,20 @@ def _parallel(here: Denominator) -> tuple[Response, Array]:
             if m == problem.n_poles:
                 direct[i, j] = solution.x[at]
                 at += 1
-        for e, width in enumerate(widths):
-            free[e, i] = here.free_row(e, solution.x[at : at + width])
-            at += width
+        for e in range(len(here.regressions)):
+            free[e, i] = here.free_row(e, columns.pick(solution.x, e))
     return Response(rows, direct, free), variance
 
 
-def _parallel_columns(here: Denominator, i: int, select: Array) -> tuple[Array, Array, list[int]]:
+def _parallel_columns(here: Denominator, i: int, select: Array) -> ColumnBlocks:
     """Columns and target of one output over all experiments; nuisance terms of each its own."""
-    widths, parts, targets = [], [], []
+    found = ColumnBlocks()
     for e, regression in enumerate(here.regressions):
         blocks = []
         for j, m in enumerate(here.problem.n_zeros[i]):
             blocks.append(regression.input_signal(i, j, select))
             if m == here.problem.n_poles:
                 blocks.append(regression.signals[i][:, [regression.layout.direct(j)]])
-        parts.append((np.hstack(blocks), here.nuisance_columns(e, i)))
-        widths.append(parts[-1][1].shape[1])
-        targets.append(regression.targets[i])
-    height = [part.shape[0] for part, _ in parts]
-    common = parts[0][0].shape[1]
-    matrix = np.zeros((sum(height), common + sum(widths)))
-    row, column = 0, common
-    for (part, nuisance), width, rows in zip(parts, widths, height, strict=True):
-        matrix[row : row + rows, :common] = part
-        matrix[row : row + rows, column : column + width] = nuisance
-        row, column = row + rows, column + width
-    return matrix, np.concatenate(targets), widths
+        own = {"inputs": np.hstack(blocks), e: here.nuisance_columns(e, i)}
+        found.add(own, regression.targets[i])
+    return found

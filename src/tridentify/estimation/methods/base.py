@@ -121,17 +121,17 @@ def check(records: Sequence[Record], structure: Structure, method: str, can: Cap
         )
 
 
-def check_count(name: str, value: object) -> None:
-    """Refuse an option that is no whole number of at least 1.
+def check_count(name: str, value: object, least: int = 1) -> None:
+    """Refuse an option that is no whole number of at least ``least``.
 
     Raises
     ------
     OptionError
     """
-    if not isinstance(value, int) or isinstance(value, bool) or value < 1:
+    if not isinstance(value, int) or isinstance(value, bool) or value < least:
         raise OptionError(
-            f"found {name}={value!r}; expected a whole number of at least 1; leave it out or "
-            "correct it"
+            f"found {name}={shown(value)}; expected a whole number of at least {least}; leave it "
+            "out or correct it"
         )
 
 

@@ -95,3 +95,19 @@ def refuse_unsupported(
                 f"found {what}={shown(structure.to_dict()[what])}; {method} estimates all "
                 f"coefficients freely; leave {what} out"
             )
+
+
+def refuse_missing(records: Sequence[Record], method: str) -> None:
+    """Refuse missing output samples: a filter on ``y`` needs all of them.
+
+    Raises
+    ------
+    UnsupportedError
+    """
+    for record in records:
+        missing = int(np.isnan(record.y).sum())
+        if missing:
+            raise UnsupportedError(
+                f"found {missing} missing output samples; {method} filters the output and expects "
+                "all of them; cut the record into pieces without gaps, or use ThreeModel()"
+            )

@@ -12,7 +12,8 @@ import numpy as np
 from tridentify.errors import UnsupportedOrderError
 from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Trace
-from tridentify.estimation.knowledge.solve import Seeds, constrain, resolve, seen
+from tridentify.estimation.knowledge.free_problem import seen
+from tridentify.estimation.knowledge.solve import Seeds, constrain, resolve
 from tridentify.estimation.likelihood.answer import Ending, estimate_from
 from tridentify.estimation.likelihood.levenberg_marquardt import Patience, coefficients
 from tridentify.estimation.likelihood.noise_model import NoiseChoice

@@ -33,12 +33,7 @@ from tridentify.estimation.likelihood.levenberg_marquardt import (
     finish,
 )
 from tridentify.estimation.likelihood.linear_columns import linear_blocks
-from tridentify.estimation.likelihood.nuisance import (
-    SLACK,
-    Nuisances,
-    open_choices,
-    reference_of,
-)
+from tridentify.estimation.likelihood.nuisance import SLACK, Nuisances, open_choices, reference_of
 from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.likelihood.question import Say
 from tridentify.estimation.likelihood.thresholds import TRUSTED

@@ -21,14 +21,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import ClassVar
 
 import numpy as np
 
-from tridentify.errors import (
-    DataError,
-    IdentifiabilityError,
-    OptionError,
-)
+from tridentify.errors import DataError, IdentifiabilityError, OptionError
 from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Start, Step, Trace
 from tridentify.estimation.likelihood.answer import Ending, estimate_from
@@ -115,6 +112,11 @@ class OutputError:
     loss: Loss = "squared"
     tolerance: float = SETTLED
 
+    name: ClassVar[str] = "OutputError"
+    """What tables and files call it."""
+    capabilities: ClassVar[Capability] = EVERYTHING
+    """All of them."""
+
     def __post_init__(self) -> None:
         if not (self.start is None or isinstance(self.start, TransferFunction)):
             raise OptionError(
@@ -129,16 +131,6 @@ class OutputError:
     def patience(self) -> Patience:
         """How long steps on the output error go on."""
         return Patience(self.max_passes, self.tolerance)
-
-    @property
-    def name(self) -> str:
-        """``"OutputError"``."""
-        return "OutputError"
-
-    @property
-    def capabilities(self) -> Capability:
-        """All of them."""
-        return EVERYTHING
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
@@ -324,14 +316,7 @@ def _joined(record: Record) -> Record:
     for i, lost in enumerate(missing.T):
         if not lost.all():
             y[lost, i] = np.interp(record.t[lost], record.t[~lost], y[~lost, i])
-    return Record(
-        record.u,
-        np.nan_to_num(y),
-        dt=record.dt,
-        intersample=record.behaviour,
-        input_names=record.input_names,
-        output_names=record.output_names,
-    )
+    return record._derive(y=np.nan_to_num(y), intersample=record.behaviour)
 
 
 def _even(record: Record, structure: Structure) -> list[Record]:

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -36,7 +37,11 @@ from tridentify.estimation.likelihood.problem import Problem
 from tridentify.estimation.likelihood.thresholds import SAME_END
 from tridentify.estimation.methods.base import Progress, check, check_count
 from tridentify.estimation.methods.capability import Capability
-from tridentify.estimation.methods.filtered.state_variable_filters import check_rates, monic_filter
+from tridentify.estimation.methods.filtered.filter_cascade import (
+    check_rates,
+    checked_filter,
+    monic_filter,
+)
 from tridentify.models.operators import AllPass, Laguerre, OperatorBank
 from tridentify.models.parallel import fit_parallel
 from tridentify.models.regression import Regression, regress
@@ -89,6 +94,11 @@ class PaperThreeModel:
     solver: str = "least_squares"
     tolerance: float = 1e-8
 
+    name: ClassVar[str] = "ThreeModel.paper"
+    """What tables and files call it."""
+    capabilities: ClassVar[Capability] = Capability.NONE
+    """The plain case only."""
+
     def __post_init__(self) -> None:
         if self.operators not in ("allpass", "laguerre"):
             raise OptionError(
@@ -105,33 +115,9 @@ class PaperThreeModel:
                 f"found tolerance={shown(self.tolerance)}; expected a number, zero or more; "
                 "correct it"
             )
-        try:
-            coefficients = np.asarray(self.filter, dtype=np.float64)
-        except (TypeError, ValueError, OverflowError):
-            coefficients = np.zeros(0)
-        proper = coefficients.ndim == 1 and coefficients.size > 1
-        if not (proper and np.all(np.isfinite(coefficients)) and coefficients[0]):
-            raise OptionError(
-                f"found filter={self.filter!r}; expected the coefficients of c(p), descending "
-                "powers; correct them"
-            )
-        if np.any(np.roots(monic_filter(coefficients)).real >= 0):
-            raise OptionError(
-                f"found an unstable filter {self.filter!r}; expected roots with negative real "
-                "parts; correct the coefficients"
-            )
+        checked_filter(() if self.filter is None else self.filter)
         self.bank  # noqa: B018 - checks gamma and n_operators
-        object.__setattr__(self, "filter", tuple(float(c) for c in coefficients))
-
-    @property
-    def name(self) -> str:
-        """``"ThreeModel.paper"``."""
-        return "ThreeModel.paper"
-
-    @property
-    def capabilities(self) -> Capability:
-        """The plain case only."""
-        return Capability.NONE
+        object.__setattr__(self, "filter", tuple(float(c) for c in self.filter))
 
     @property
     def bank(self) -> OperatorBank:

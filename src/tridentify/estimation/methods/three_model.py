@@ -30,6 +30,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import ClassVar
 
 from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Trace
@@ -137,6 +138,11 @@ class ThreeModel:
 
     paper = staticmethod(as_printed)
 
+    name: ClassVar[str] = "ThreeModel"
+    """What tables and files call it."""
+    capabilities: ClassVar[Capability] = EVERYTHING
+    """All of them."""
+
     def __post_init__(self) -> None:
         check_count("starts", self.starts)
         check_count("max_passes", self.max_passes)
@@ -151,16 +157,6 @@ class ThreeModel:
     def patience(self) -> Patience:
         """How long steps on the output error go on."""
         return Patience(self.max_passes, self.tolerance)
-
-    @property
-    def name(self) -> str:
-        """``"ThreeModel"``."""
-        return "ThreeModel"
-
-    @property
-    def capabilities(self) -> Capability:
-        """All of them."""
-        return EVERYTHING
 
     def estimate(
         self,

@@ -39,7 +39,6 @@ from dataclasses import dataclass, replace
 from statistics import NormalDist
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from tridentify.estimation.likelihood.cost import evaluate
@@ -54,7 +53,7 @@ from tridentify.estimation.posterior.sampling import (
     sample,
 )
 from tridentify.estimation.posterior.surface import SLOWEST, Surface, surface, unit_of
-from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.numerics.realization import sort_poles
 from tridentify.numerics.root_draws import stacked_roots
 
@@ -293,7 +292,7 @@ def posterior(problem: Problem, near: Sequence[tuple[Complex, Array | None]]) ->
     return found if costs[0] <= costs[1] else replace(found, poles=apart)
 
 
-def _pitman(values: Array, scale: Array, weights: Array, order: NDArray[np.int64]) -> Array:
+def _pitman(values: Array, scale: Array, weights: Array, order: Indices) -> Array:
     """``E[value scale^(-2 order)] / E[scale^(-2 order)]`` for the columns of ``values``."""
     middle = np.exp(weights @ np.log(scale))
     share = weights[:, None] * (scale / middle)[:, None] ** (-2.0 * order)

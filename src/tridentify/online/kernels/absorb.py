@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Indices
 from tridentify.numerics.compiled import compiled
 from tridentify.numerics.recursive import forget, innovate, rotate
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.intake import doubt, learn, noise_scale, watch
 
-Ints = NDArray[np.int64]
-
 
 @compiled("void(int64[::1], float64[::1], float64[::1], int64, int64, float64, boolean)")
-def refuse(ints: Ints, c: Array, x: Array, w: int, first: int, error: float, ready: bool) -> None:
+def refuse(
+    ints: Indices, c: Array, x: Array, w: int, first: int, error: float, ready: bool
+) -> None:
     """A doubtful sample: one far off still counts as a hint that the coefficients have moved."""
     if int(x[slots.FLAGS]) & slots.OUTLIER:
         x[w + slots.REFUSED] += 1.0
@@ -58,7 +57,9 @@ def reset(x: Array, w: int, at: int, n: int, factor: float) -> None:
     "float64(int64[::1], float64[::1], float64[::1], int64, int64, int64, int64, float64)",
     inline=True,
 )
-def absorb(ints: Ints, c: Array, x: Array, w: int, at: int, n: int, first: int, y: float) -> float:
+def absorb(
+    ints: Indices, c: Array, x: Array, w: int, at: int, n: int, first: int, y: float
+) -> float:
     """One row with its target into one triangle, unless it is doubtful; gives the innovation."""
     row, work = ints[slots.AT_ROW], ints[slots.AT_WORK]
     fitted, leverage = innovate(x, at, n, first, row, work)

@@ -16,9 +16,8 @@ from __future__ import annotations
 
 import numpy as np
 from numba import types
-from numpy.typing import NDArray
 
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Indices
 from tridentify.numerics.compiled import compiled
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.intake import doubt, judge, learn, noise_scale, scatter
@@ -26,14 +25,12 @@ from tridentify.online.kernels.signatures import INTS, SAMPLES, TABLE, VECTOR, W
 from tridentify.online.kernels.turning import turn_in
 from tridentify.online.kernels.workspace import ERRORS, FIT, LEVERAGE, LONGEST, SCALED_ERRORS
 
-Ints = NDArray[np.int64]
-
 SHORTEST = 4
 """Samples of the shortest block: fewer are quicker one by one."""
 
 
 @compiled(types.int64(INTS, VECTOR, SAMPLES, SAMPLES, types.int64, types.int64), wide=True)
-def quiet(ints: Ints, x: Array, u: Array, y: Array, start: int, most: int) -> int:
+def quiet(ints: Indices, x: Array, u: Array, y: Array, start: int, most: int) -> int:
     """How many samples from ``start`` on, but ``most``, may be tried as a block."""
     count = min(most, LONGEST)
     if x[slots.TICK] > x[slots.COUNT]:
@@ -104,7 +101,7 @@ def settle(
     wide=True,
 )
 def gather(
-    ints: Ints,
+    ints: Indices,
     c: Array,
     x: Array,
     w: int,
@@ -191,7 +188,7 @@ def gather(
     wide=True,
 )
 def absorb_block(
-    ints: Ints,
+    ints: Indices,
     c: Array,
     x: Array,
     output: int,
@@ -225,7 +222,7 @@ def absorb_block(
 
 @compiled(types.void(*WHICH, TABLE, INTS), wide=True)
 def count_block(
-    ints: Ints,
+    ints: Indices,
     c: Array,
     x: Array,
     u: Array,
@@ -233,7 +230,7 @@ def count_block(
     start: int,
     count: int,
     lines: Array,
-    flags: Ints,
+    flags: Indices,
 ) -> None:
     """What `take_in` and `count` do to each sample of a block that was taken."""
     m, p = ints[slots.INPUTS], ints[slots.OUTPUTS]

@@ -16,61 +16,35 @@ y_k`` is known, and the value that makes it zero is put into the filter.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Indices
 from tridentify.numerics.compiled import compiled
 from tridentify.numerics.recursive import correct, drift, predict, solve_triangle
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.absorb import absorb, refuse
-from tridentify.online.kernels.intake import count, doubt, learn, noise_scale, take_in, watch
-
-Ints = NDArray[np.int64]
+from tridentify.online.kernels.advance import die_away, drive
+from tridentify.online.kernels.intake import (
+    count,
+    doubt,
+    learn,
+    noise_scale,
+    nothing_told,
+    take_in,
+    watch,
+)
 
 
 @compiled("void(int64[::1], float64[::1], float64[::1])", inline=True)
-def advance_inputs(ints: Ints, c: Array, x: Array) -> None:
+def advance_inputs(ints: Indices, c: Array, x: Array) -> None:
     """The filter driven by the impulse at the beginning and by the inputs."""
-    m, q, upper = ints[slots.INPUTS], ints[slots.ORDER], ints[slots.UPPER]
-    f, work = ints[slots.C_STEP], ints[slots.AT_WORK]
-    since = x[slots.SINCE]
-    if ints[slots.FREE]:
-        at = ints[slots.AT_IMPULSE]
-        if since > ints[slots.BEGIN] and x[slots.FIRST] == 0.0:
-            largest = 0.0
-            for i in range(q):
-                total = 0.0
-                for s in range(min(i + 1 + upper, q)):
-                    total += c[f + i * q + s] * x[at + s]
-                x[work + i] = total
-                largest = max(largest, abs(total))
-            for i in range(q):
-                x[at + i] = x[work + i]
-            if largest < c[ints[slots.C_START]]:
-                x[slots.FIRST] = float(q * ints[slots.OUTPUTS])
-        elif since == ints[slots.BEGIN]:
-            for i in range(q):
-                x[at + i] = c[ints[slots.C_START] + 1 + i]
-    if since == 0.0:
-        return
-    for j in range(m):
-        own = ints[slots.AT_INPUTS] + j * q
-        late = ints[slots.AT_LINE] + j * ints[slots.LINE] + int(c[ints[slots.C_EXTRA] + j])
-        g = ints[slots.C_TAPS] + 3 * j * q
-        now, new = x[own : own + q], x[work : work + q]
-        arrived, before, earlier = x[late], x[late + 1], x[late + 2]
-        for i in range(q):
-            total = c[g + i] * arrived + c[g + q + i] * before + c[g + 2 * q + i] * earlier
-            transition = c[f + i * q : f + (i + 1) * q]
-            for s in range(min(i + 1 + upper, q)):
-                total += transition[s] * now[s]
-            new[i] = total
-        for i in range(q):
-            now[i] = new[i]
+    if ints[slots.FREE] and die_away(ints, c, x, ints[slots.AT_IMPULSE]):
+        x[slots.FIRST] = float(ints[slots.ORDER] * ints[slots.OUTPUTS])
+    if x[slots.SINCE] > 0.0:
+        drive(ints, c, x, ints[slots.AT_INPUTS])
 
 
 @compiled("void(int64[::1], float64[::1], float64[::1], int64)", inline=True)
-def free_motion(ints: Ints, c: Array, x: Array, i: int) -> None:
+def free_motion(ints: Indices, c: Array, x: Array, i: int) -> None:
     """The filter of an output up to the newest sample, which is still to be added."""
     if x[slots.SINCE] == 0.0:
         return
@@ -94,7 +68,7 @@ def free_motion(ints: Ints, c: Array, x: Array, i: int) -> None:
 
 
 @compiled("void(int64[::1], float64[::1], float64[::1], int64, float64)", inline=True)
-def add_newest(ints: Ints, c: Array, x: Array, i: int, y: float) -> None:
+def add_newest(ints: Indices, c: Array, x: Array, i: int, y: float) -> None:
     """The share of the newest sample in the filter of an output."""
     if x[slots.SINCE] == 0.0:
         return
@@ -105,7 +79,7 @@ def add_newest(ints: Ints, c: Array, x: Array, i: int, y: float) -> None:
 
 
 @compiled("float64(int64[::1], float64[::1], float64[::1], int64, float64)", inline=True)
-def build_row(ints: Ints, c: Array, x: Array, i: int, y: float) -> float:
+def build_row(ints: Indices, c: Array, x: Array, i: int, y: float) -> float:
     """Write the row of an output; gives its target."""
     m, p, q, n = ints[slots.INPUTS], ints[slots.OUTPUTS], ints[slots.ORDER], ints[slots.COLUMNS]
     row, basis = ints[slots.AT_ROW], ints[slots.C_BASIS]
@@ -164,7 +138,7 @@ def build_row(ints: Ints, c: Array, x: Array, i: int, y: float) -> float:
 
 
 @compiled("float64(int64[::1], float64[::1], float64[::1], int64)")
-def slope(ints: Ints, c: Array, x: Array, theta: int) -> float:
+def slope(ints: Indices, c: Array, x: Array, theta: int) -> float:
     """``d eps / d y_k`` of the newest sample."""
     m, p, q = ints[slots.INPUTS], ints[slots.OUTPUTS], ints[slots.ORDER]
     g, basis = ints[slots.C_OUTPUT] + q, ints[slots.C_BASIS]
@@ -179,7 +153,7 @@ def slope(ints: Ints, c: Array, x: Array, theta: int) -> float:
 
 
 @compiled("float64(int64[::1], float64[::1], float64[::1], int64, float64)")
-def filtered(ints: Ints, c: Array, x: Array, w: int, y: float) -> float:
+def filtered(ints: Indices, c: Array, x: Array, w: int, y: float) -> float:
     """One row into the Kalman filter, unless it is doubtful; gives the innovation."""
     n, row, work = ints[slots.COLUMNS], ints[slots.AT_ROW], ints[slots.AT_WORK]
     theta, at = ints[slots.AT_THETA], ints[slots.AT_COVARIANCE]
@@ -208,16 +182,13 @@ def filtered(ints: Ints, c: Array, x: Array, w: int, y: float) -> float:
 
 
 @compiled("float64(int64[::1], float64[::1], float64[::1], float64)", value=True)
-def equation_step(ints: Ints, c: Array, x: Array, interval: float) -> float:
+def equation_step(ints: Indices, c: Array, x: Array, interval: float) -> float:
     """One sample, which stands in the inbox; gives the innovation of the first output."""
     take_in(ints, c, x, interval)
     m, p = ints[slots.INPUTS], ints[slots.OUTPUTS]
     if ints[slots.COLLECTING]:
         x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.NOT_READY)
-        for i in range(p):
-            x[ints[slots.AT_WATCH] + i * ints[slots.WATCH] + slots.INNOVATION] = np.nan
-        count(ints, x)
-        return np.nan
+        return nothing_told(ints, x)
     advance_inputs(ints, c, x)
     n, theta = ints[slots.COLUMNS], ints[slots.AT_THETA]
     begun = not ints[slots.FREE] or x[slots.SINCE] >= ints[slots.BEGIN]

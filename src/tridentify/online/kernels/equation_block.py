@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import numpy as np
 from numba import types
-from numpy.typing import NDArray
 
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Indices
 from tridentify.numerics.compiled import compiled
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.blocks import SHORTEST, absorb_block, count_block, quiet
 from tridentify.online.kernels.filters import direct_terms, line_up, run_filter, run_inputs
 from tridentify.online.kernels.signatures import INTS, MANY, SAMPLES, TABLE, VECTOR
 from tridentify.online.kernels.workspace import ERRORS
-
-Ints = NDArray[np.int64]
 
 
 @compiled("void(float64[::1], int64, int64, float64[:, ::1], int64, int64, int64)", wide=True)
@@ -38,7 +34,7 @@ def combine(c: Array, weights: int, q: int, room: Array, states: int, to: int, c
     wide=True,
 )  # fmt: skip
 def build_block(
-    ints: Ints,
+    ints: Indices,
     c: Array,
     x: Array,
     y: Array,
@@ -94,7 +90,7 @@ def build_block(
 
 @compiled(MANY, wide=True, value=True)
 def equation_block(
-    ints: Ints,
+    ints: Indices,
     c: Array,
     x: Array,
     u: Array,
@@ -102,7 +98,7 @@ def equation_block(
     start: int,
     most: int,
     innovations: Array,
-    flags: Ints,
+    flags: Indices,
     room: Array,
     lines: Array,
     zeros: Array,

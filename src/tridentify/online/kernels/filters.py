@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import numpy as np
 from numba import types
-from numpy.typing import NDArray
 
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Indices
 from tridentify.numerics.compiled import compiled
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.signatures import INTS, SAMPLES, TABLE, VECTOR
 
-Ints = NDArray[np.int64]
-
 
 @compiled(types.void(INTS, VECTOR, SAMPLES, types.int64, types.int64, TABLE), wide=True)
-def line_up(ints: Ints, x: Array, u: Array, start: int, count: int, lines: Array) -> None:
+def line_up(ints: Indices, x: Array, u: Array, start: int, count: int, lines: Array) -> None:
     """The inputs as the delay lines see them, oldest first."""
     past = ints[slots.LINE] - 1
     for j in range(ints[slots.INPUTS]):
@@ -32,7 +28,7 @@ def line_up(ints: Ints, x: Array, u: Array, start: int, count: int, lines: Array
     wide=True,
 )
 def run_filter(
-    ints: Ints, c: Array, room: Array, at: int, count: int, later: Array, unused: Array
+    ints: Indices, c: Array, room: Array, at: int, count: int, later: Array, unused: Array
 ) -> None:
     """States of a filter; ``room[at + r, 1:]`` holds what drives state ``r`` and is replaced.
 
@@ -81,7 +77,7 @@ def run_filter(
     wide=True,
 )
 def run_inputs(
-    ints: Ints, c: Array, x: Array, room: Array, at: int, count: int, lines: Array, zeros: Array
+    ints: Indices, c: Array, x: Array, room: Array, at: int, count: int, lines: Array, zeros: Array
 ) -> None:
     """States driven by the inputs, from those in column 0 of ``room[at:]``."""
     q, past = ints[slots.ORDER], ints[slots.LINE] - 1
@@ -102,7 +98,7 @@ def run_inputs(
     wide=True,
 )
 def direct_terms(
-    ints: Ints, c: Array, room: Array, to: int, j: int, count: int, lines: Array
+    ints: Indices, c: Array, room: Array, to: int, j: int, count: int, lines: Array
 ) -> None:
     """Input ``j`` itself as it arrives, into a row of the workspace."""
     line, shift = lines[j], ints[slots.LINE] - 1 - int(c[ints[slots.C_EXTRA] + j])

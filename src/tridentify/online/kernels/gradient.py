@@ -19,19 +19,23 @@ input that has become larger, divides the step; a smaller one does not multiply 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Indices
 from tridentify.numerics.compiled import compiled
 from tridentify.numerics.recursive import along, descend
 from tridentify.online.kernels import gradient_slots as places
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.absorb import refuse
-from tridentify.online.kernels.intake import count, doubt, learn, noise_scale, take_in, watch
+from tridentify.online.kernels.intake import (
+    count,
+    doubt,
+    learn,
+    noise_scale,
+    nothing_told,
+    take_in,
+    watch,
+)
 from tridentify.online.kernels.parallel import advance, complete_row
-
-Ints = NDArray[np.int64]
-
 
 stride_of = compiled("int64(int64[::1])")(places.fits_stride)
 
@@ -116,7 +120,7 @@ def move(
 
 
 @compiled("float64(int64[::1], float64[::1], float64[::1], int64, int64, int64, float64)")
-def adapt(ints: Ints, c: Array, x: Array, output: int, n: int, first: int, step: float) -> float:
+def adapt(ints: Indices, c: Array, x: Array, output: int, n: int, first: int, step: float) -> float:
     """Steps 1 and 3 for one output, unless its sample is doubtful; gives the innovation."""
     k1, k3, row = ints[places.PARALLEL_UNKNOWNS], ints[places.SERIES_UNKNOWNS], ints[slots.AT_ROW]
     w = ints[slots.AT_WATCH] + output * ints[slots.WATCH]
@@ -165,7 +169,7 @@ def adapt(ints: Ints, c: Array, x: Array, output: int, n: int, first: int, step:
 
 
 @compiled("void(int64[::1], float64[::1], float64[::1], int64)")
-def answers(ints: Ints, c: Array, x: Array, at: int) -> None:
+def answers(ints: Indices, c: Array, x: Array, at: int) -> None:
     """How the filter answers to each of the states that a model's output may hold."""
     q, d, kept, row = ints[slots.ORDER], ints[places.ANSWERS], ints[places.KEPT], ints[slots.AT_ROW]
     for channel in range(ints[slots.INPUTS] + ints[slots.FREE]):
@@ -181,7 +185,7 @@ def answers(ints: Ints, c: Array, x: Array, at: int) -> None:
 
 @compiled("void(int64[::1], float64[::1], float64[::1], int64, int64, int64, float64, int64)")
 def second(
-    ints: Ints, c: Array, x: Array, output: int, n: int, first: int, step: float, answer: int
+    ints: Indices, c: Array, x: Array, output: int, n: int, first: int, step: float, answer: int
 ) -> None:
     """Step 2 on the output of the series model, or of the parallel one before there is another."""
     k1, k3, row = ints[places.PARALLEL_UNKNOWNS], ints[places.SERIES_UNKNOWNS], ints[slots.AT_ROW]
@@ -240,7 +244,7 @@ def second(
 
 
 @compiled("void(int64[::1], float64[::1], int64)")
-def gather(ints: Ints, x: Array, n: int) -> None:
+def gather(ints: Indices, x: Array, n: int) -> None:
     """Sum of the unknowns of Step 2."""
     unknowns = ints[places.POLES] + ints[slots.OUTPUTS] * ints[places.OWN]
     at = ints[places.X_SECOND]
@@ -250,7 +254,7 @@ def gather(ints: Ints, x: Array, n: int) -> None:
 
 
 @compiled("void(int64[::1], float64[::1], float64[::1], int64)")
-def moments(ints: Ints, c: Array, x: Array, n: int) -> None:
+def moments(ints: Indices, c: Array, x: Array, n: int) -> None:
     """Running mean of ``z z'``, its lower triangle."""
     row, at = ints[slots.AT_ROW], ints[places.X_MOMENTS]
     x[places.MOMENTS] += 1.0
@@ -264,23 +268,17 @@ def moments(ints: Ints, c: Array, x: Array, n: int) -> None:
 
 
 @compiled("float64(int64[::1], float64[::1], float64[::1], float64)", value=True)
-def gradient_step(ints: Ints, c: Array, x: Array, interval: float) -> float:
+def gradient_step(ints: Indices, c: Array, x: Array, interval: float) -> float:
     """One sample, which stands in the inbox; gives the innovation of the first output."""
     take_in(ints, c, x, interval)
     if ints[slots.COLLECTING]:
         x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.NOT_READY)
-        for i in range(ints[slots.OUTPUTS]):
-            x[ints[slots.AT_WATCH] + i * ints[slots.WATCH] + slots.INNOVATION] = np.nan
-        count(ints, x)
-        return np.nan
+        return nothing_told(ints, x)
     advance(ints, c, x)
     complete_row(ints, c, x)
     n, first = ints[slots.COLUMNS], int(x[slots.FIRST])
     if ints[slots.FREE] and x[slots.SINCE] < ints[slots.BEGIN]:
-        for i in range(ints[slots.OUTPUTS]):
-            x[ints[slots.AT_WATCH] + i * ints[slots.WATCH] + slots.INNOVATION] = np.nan
-        count(ints, x)
-        return np.nan
+        return nothing_told(ints, x)
     step = interval * c[places.RATE]
     idle = False
     for i in range(ints[slots.OUTPUTS]):

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tridentify.numerics.arrays import Indices
 from tridentify.online.kernels.slots import COLUMNS
 
 # places in ints
@@ -26,7 +24,7 @@ WHITE = 0.25
 DOUBTS, TELLS = 0.5, 1.0  # of READY: a sample may be doubted; a change may be told
 
 
-def fits_stride(ints: NDArray[np.int64]) -> int:
+def fits_stride(ints: Indices) -> int:
     """Numbers in ``c`` for the fits of one output."""
     n = ints[COLUMNS]
     k1, k3 = ints[PARALLEL_UNKNOWNS], ints[SERIES_UNKNOWNS]

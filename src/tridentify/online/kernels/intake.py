@@ -40,17 +40,14 @@ M. Basseville, I. Nikiforov, Detection of Abrupt Changes, Prentice Hall 1993.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Indices
 from tridentify.numerics.compiled import compiled
 from tridentify.online.kernels import slots
 
-Ints = NDArray[np.int64]
-
 
 @compiled("void(int64[::1], float64[::1], float64[::1], float64)", inline=True)
-def take_in(ints: Ints, c: Array, x: Array, interval: float) -> None:
+def take_in(ints: Indices, c: Array, x: Array, interval: float) -> None:
     """Count, keep the time, put the input into the delay line and the sample into the chunk."""
     m, p = ints[slots.INPUTS], ints[slots.OUTPUTS]
     flags = slots.CHANGED if x[slots.COUNT] < x[slots.ALARM] else 0
@@ -107,7 +104,7 @@ def take_in(ints: Ints, c: Array, x: Array, interval: float) -> None:
 
 
 @compiled("void(int64[::1], float64[::1])", inline=True)
-def count(ints: Ints, x: Array) -> None:
+def count(ints: Indices, x: Array) -> None:
     """The sample is done with."""
     x[slots.COUNT] += 1.0
     x[slots.SINCE] += 1.0
@@ -115,6 +112,15 @@ def count(ints: Ints, x: Array) -> None:
         x[slots.SEEN] = float(int(x[slots.SEEN]) | (int(x[slots.FLAGS]) & ~slots.NOT_READY))
     if x[slots.COUNT] == x[slots.TICK]:
         x[slots.EVENT] += slots.TICKED
+
+
+@compiled("float64(int64[::1], float64[::1])")
+def nothing_told(ints: Indices, x: Array) -> float:
+    """The sample is done with, and nothing was expected of it."""
+    for i in range(ints[slots.OUTPUTS]):
+        x[ints[slots.AT_WATCH] + i * ints[slots.WATCH] + slots.INNOVATION] = np.nan
+    count(ints, x)
+    return np.nan
 
 
 @compiled("float64(float64[::1], int64)", inline=True)
@@ -207,7 +213,7 @@ def learn(x: Array, w: int, y: float, v: float, factor: float) -> None:
 
 
 @compiled("boolean(int64[::1], float64[::1], int64, int64, boolean)")
-def judge(ints: Ints, x: Array, w: int, scale: int, ready: bool) -> bool:
+def judge(ints: Indices, x: Array, w: int, scale: int, ready: bool) -> bool:
     """Judge the block of a scale, add it to that of the next; whether that one is now full."""
     k = ints[slots.DIRECTIONS]
     width = k + k * (k + 1) // 2
@@ -277,7 +283,7 @@ def judge(ints: Ints, x: Array, w: int, scale: int, ready: bool) -> bool:
 
 
 @compiled("void(int64[::1], float64[::1], float64[::1], int64)")
-def scatter(ints: Ints, c: Array, x: Array, w: int) -> None:
+def scatter(ints: Indices, c: Array, x: Array, w: int) -> None:
     """Add a block to the covariance of the scores, on every level (`online.scatter`).
 
     To be called before the block is judged, as that takes its sums apart.
@@ -323,7 +329,7 @@ def scatter(ints: Ints, c: Array, x: Array, w: int) -> None:
 @compiled(
     "void(int64[::1], float64[::1], float64[::1], int64, int64, float64, boolean)", inline=True
 )
-def watch(ints: Ints, c: Array, x: Array, w: int, first: int, v: float, ready: bool) -> None:
+def watch(ints: Indices, c: Array, x: Array, w: int, first: int, v: float, ready: bool) -> None:
     """Gather the scores of a block; at its end, judge change and excitation.
 
     Parameters

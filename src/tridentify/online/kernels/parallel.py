@@ -13,64 +13,29 @@ inputs themselves, a one and the time. Each output has a triangle of its own.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Indices
 from tridentify.numerics.compiled import compiled
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.absorb import absorb
-from tridentify.online.kernels.intake import count, take_in
-
-Ints = NDArray[np.int64]
+from tridentify.online.kernels.advance import die_away, drive
+from tridentify.online.kernels.intake import count, nothing_told, take_in
 
 
 @compiled("void(int64[::1], float64[::1], float64[::1])", inline=True)
-def advance(ints: Ints, c: Array, x: Array) -> None:
+def advance(ints: Indices, c: Array, x: Array) -> None:
     """The states of the bank at the sample whose input was taken in."""
-    m, q, upper = ints[slots.INPUTS], ints[slots.ORDER], ints[slots.UPPER]
-    f, taps, line = ints[slots.C_STEP], ints[slots.C_TAPS], ints[slots.LINE]
-    row, work = ints[slots.AT_ROW], ints[slots.AT_WORK]
-    since = x[slots.SINCE]
-    first = 0
-    if ints[slots.FREE]:
-        if since > ints[slots.BEGIN] and x[slots.FIRST] == 0.0:
-            largest = 0.0
-            for i in range(q):
-                total = 0.0
-                for s in range(min(i + 1 + upper, q)):
-                    total += c[f + i * q + s] * x[row + s]
-                x[work + i] = total
-                largest = max(largest, abs(total))
-            for i in range(q):
-                x[row + i] = x[work + i]
-            if largest < c[ints[slots.C_START]]:
-                x[slots.FIRST] = float(q)
-                for i in range(q):
-                    x[row + i] = 0.0
-        elif since == ints[slots.BEGIN]:
-            for i in range(q):
-                x[row + i] = c[ints[slots.C_START] + 1 + i]
-        first = q
-    if since == 0.0:
-        return
-    for j in range(m):
-        own = row + first + j * q
-        late = ints[slots.AT_LINE] + j * line + int(c[ints[slots.C_EXTRA] + j])
-        g = taps + 3 * j * q
-        now, new = x[own : own + q], x[work : work + q]
-        arrived, before, earlier = x[late], x[late + 1], x[late + 2]
+    q, row = ints[slots.ORDER], ints[slots.AT_ROW]
+    if ints[slots.FREE] and die_away(ints, c, x, row):
+        x[slots.FIRST] = float(q)
         for i in range(q):
-            total = c[g + i] * arrived + c[g + q + i] * before + c[g + 2 * q + i] * earlier
-            transition = c[f + i * q : f + (i + 1) * q]
-            for s in range(min(i + 1 + upper, q)):
-                total += transition[s] * now[s]
-            new[i] = total
-        for i in range(q):
-            now[i] = new[i]
+            x[row + i] = 0.0
+    if x[slots.SINCE] > 0.0:
+        drive(ints, c, x, row + q * ints[slots.FREE])
 
 
 @compiled("void(int64[::1], float64[::1], float64[::1])", inline=True)
-def complete_row(ints: Ints, c: Array, x: Array) -> None:
+def complete_row(ints: Indices, c: Array, x: Array) -> None:
     """The inputs as they arrive, the constant and the time behind the states."""
     m, q = ints[slots.INPUTS], ints[slots.ORDER]
     at = ints[slots.AT_ROW] + q * (m + ints[slots.FREE])
@@ -87,15 +52,12 @@ def complete_row(ints: Ints, c: Array, x: Array) -> None:
 
 
 @compiled("float64(int64[::1], float64[::1], float64[::1], float64)", value=True)
-def parallel_step(ints: Ints, c: Array, x: Array, interval: float) -> float:
+def parallel_step(ints: Indices, c: Array, x: Array, interval: float) -> float:
     """One sample, which stands in the inbox; gives the innovation of the first output."""
     take_in(ints, c, x, interval)
     if ints[slots.COLLECTING]:
         x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.NOT_READY)
-        for i in range(ints[slots.OUTPUTS]):
-            x[ints[slots.AT_WATCH] + i * ints[slots.WATCH] + slots.INNOVATION] = np.nan
-        count(ints, x)
-        return np.nan
+        return nothing_told(ints, x)
     advance(ints, c, x)
     complete_row(ints, c, x)
     n, first = ints[slots.COLUMNS], int(x[slots.FIRST])

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Indices
 from tridentify.numerics.compiled import compiled
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.blocks import SHORTEST, absorb_block, count_block, quiet
 from tridentify.online.kernels.filters import direct_terms, line_up, run_inputs
 from tridentify.online.kernels.signatures import MANY
 from tridentify.online.kernels.workspace import ERRORS
-
-Ints = NDArray[np.int64]
 
 
 @compiled(
@@ -22,7 +17,7 @@ Ints = NDArray[np.int64]
     wide=True,
 )
 def fill_rows(
-    ints: Ints,
+    ints: Indices,
     c: Array,
     x: Array,
     count: int,
@@ -56,7 +51,7 @@ def fill_rows(
 
 @compiled(MANY, wide=True, value=True)
 def parallel_block(
-    ints: Ints,
+    ints: Indices,
     c: Array,
     x: Array,
     u: Array,
@@ -64,7 +59,7 @@ def parallel_block(
     start: int,
     most: int,
     innovations: Array,
-    flags: Ints,
+    flags: Indices,
     room: Array,
     lines: Array,
     zeros: Array,

@@ -8,19 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
 from numba import types
-from numpy.typing import NDArray
 
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Indices
 from tridentify.numerics.compiled import compiled
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.signatures import INTS, MANY, ONE, ROOM, TABLE, WHICH
 
-Ints = NDArray[np.int64]
-Step = Callable[[Ints, Array, Array, float], float]
+Step = Callable[[Indices, Array, Array, float], float]
 Block = Callable[
-    [Ints, Array, Array, Array, Array, int, int, Array, Ints, Array, Array, Array, Array], int
+    [Indices, Array, Array, Array, Array, int, int, Array, Indices, Array, Array, Array, Array], int
 ]
 
 STEP_POINTER = types.FunctionType(ONE)
@@ -29,7 +26,7 @@ BLOCK_POINTER = types.FunctionType(MANY)
 
 @compiled(MANY, value=True)
 def no_block(
-    ints: Ints,
+    ints: Indices,
     c: Array,
     x: Array,
     u: Array,
@@ -37,7 +34,7 @@ def no_block(
     start: int,
     most: int,
     innovations: Array,
-    flags: Ints,
+    flags: Indices,
     room: Array,
     lines: Array,
     zeros: Array,
@@ -49,7 +46,7 @@ def no_block(
 
 @compiled(types.int64(*WHICH, TABLE, INTS, STEP_POINTER, BLOCK_POINTER, *ROOM))
 def run_samples(
-    ints: Ints,
+    ints: Indices,
     c: Array,
     x: Array,
     u: Array,
@@ -57,7 +54,7 @@ def run_samples(
     start: int,
     stop: int,
     innovations: Array,
-    flags: Ints,
+    flags: Indices,
     step: Step,
     block: Block,
     room: Array,

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Indices
 from tridentify.online.kernels.slots import COLUMNS, DIRECTIONS, INPUTS, LINE, ORDER, OUTPUTS
 
 LONGEST = 128
@@ -37,7 +36,7 @@ class Workspace(NamedTuple):
     kept: Array
 
     @classmethod
-    def of(cls, ints: NDArray[np.int64], x: Array, longest: int = LONGEST) -> Workspace:
+    def of(cls, ints: Indices, x: Array, longest: int = LONGEST) -> Workspace:
         """Room for blocks of up to so many samples."""
         states = (ints[INPUTS] + ints[OUTPUTS]) * ints[ORDER]
         rows = states + 2 * (ints[COLUMNS] + 1) + ints[DIRECTIONS] + OWN_ROWS + 2

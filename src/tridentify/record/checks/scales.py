@@ -13,10 +13,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import ScaleError, shown
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Complex
 
 LARGEST_SAMPLE = 1e300
 """Largest sample of a record: differences, and sums over 1e8 samples, are floats."""
@@ -153,7 +152,7 @@ def check_span(shortest: float, longest: float) -> None:
         )
 
 
-def check_filter(roots: NDArray[np.complex128], what: str, shortest: float, longest: float) -> None:
+def check_filter(roots: Complex, what: str, shortest: float, longest: float) -> None:
     """Refuse a filter that decides everything within, or nothing throughout, a record.
 
     Parameters

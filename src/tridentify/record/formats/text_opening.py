@@ -7,13 +7,8 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from tridentify.errors import (
-    UnreadableFileError,
-    shown,
-)
-from tridentify.record.formats.cells import (
-    SEPARATORS,
-)
+from tridentify.errors import UnreadableFileError, shown
+from tridentify.record.formats.cells import SEPARATORS
 from tridentify.record.formats.title_lines import LOOKED_AT, best_separator, header_place
 
 COMMENTS = ("#", "%")

@@ -27,6 +27,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -70,15 +71,10 @@ class Projection:
     [4.0, 2.0]
     """
 
-    @property
-    def name(self) -> str:
-        """``"Projection"``."""
-        return "Projection"
-
-    @property
-    def capabilities(self) -> Capability:
-        """All that a uniform step allows."""
-        return EVERYTHING & ~Capability.NON_UNIFORM_TIME
+    name: ClassVar[str] = "Projection"
+    """What tables and files call it."""
+    capabilities: ClassVar[Capability] = EVERYTHING & ~Capability.NON_UNIFORM_TIME
+    """All that a uniform step allows."""
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None

@@ -38,6 +38,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 from tridentify.errors import OptionError, shown
 from tridentify.estimation.answer.assemble import Request
@@ -93,6 +94,11 @@ class ClosedLoopRefinedInstrumentalVariable:
 
     controller: TransferFunction
 
+    name: ClassVar[str] = "ClosedLoopRefinedInstrumentalVariable"
+    """What tables and files call it."""
+    capabilities: ClassVar[Capability] = Capability.NONE
+    """The plain case only."""
+
     def __post_init__(self) -> None:
         if not isinstance(self.controller, TransferFunction):
             raise OptionError(
@@ -100,16 +106,6 @@ class ClosedLoopRefinedInstrumentalVariable:
                 "for example TransferFunction([2.0, 1.0], [1.0, 0.0]), or use TwoStage(), which "
                 "needs none"
             )
-
-    @property
-    def name(self) -> str:
-        """``"ClosedLoopRefinedInstrumentalVariable"``."""
-        return "ClosedLoopRefinedInstrumentalVariable"
-
-    @property
-    def capabilities(self) -> Capability:
-        """The plain case only."""
-        return Capability.NONE
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.closed_loop.between_samples import with_input
@@ -53,15 +54,10 @@ class TwoStage:
     [4.0, 2.0]
     """
 
-    @property
-    def name(self) -> str:
-        """``"TwoStage"``."""
-        return "TwoStage"
-
-    @property
-    def capabilities(self) -> Capability:
-        """All of them."""
-        return EVERYTHING
+    name: ClassVar[str] = "TwoStage"
+    """What tables and files call it."""
+    capabilities: ClassVar[Capability] = EVERYTHING
+    """All of them."""
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None

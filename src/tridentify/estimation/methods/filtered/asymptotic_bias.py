@@ -38,12 +38,14 @@ from numpy.typing import ArrayLike
 from tridentify.errors import ChannelCountError, NonUniformTimeError, OptionError, UnsupportedError
 from tridentify.estimation.likelihood.nuisance import Nuisances, build
 from tridentify.estimation.likelihood.problem import Problem
-from tridentify.estimation.methods.filtered.noise_through_filters import factor, separate
-from tridentify.estimation.methods.filtered.state_variable_filters import (
+from tridentify.estimation.methods.filtered.filter_cascade import (
     check_rates,
     checked_filter,
-    coefficient_map,
     filter_cascade,
+)
+from tridentify.estimation.methods.filtered.noise_through_filters import factor, separate
+from tridentify.estimation.methods.filtered.state_variable_filters import (
+    coefficient_map,
     with_filtered,
 )
 from tridentify.models.simulate import simulate

@@ -61,6 +61,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 import scipy.linalg
@@ -71,7 +72,8 @@ from tridentify.estimation.answer.estimate import Estimate, Pass, Start, Status,
 from tridentify.estimation.likelihood.held_model import HeldModel
 from tridentify.estimation.likelihood.literal import literal_estimate
 from tridentify.estimation.methods.base import Progress, check
-from tridentify.estimation.methods.capability import Capability
+from tridentify.estimation.methods.capability import Capability, refuse_missing
+from tridentify.estimation.methods.filtered.filter_cascade import Filter, checked_filter
 from tridentify.estimation.methods.filtered.noise_through_filters import (
     FilterColumns,
     Separated,
@@ -79,12 +81,9 @@ from tridentify.estimation.methods.filtered.noise_through_filters import (
     separate,
 )
 from tridentify.estimation.methods.filtered.state_variable_filters import (
-    Filter,
     backward,
-    checked_filter,
     coefficient_map,
     equation,
-    refuse_missing,
     unreduced,
     with_filtered,
 )
@@ -150,18 +149,13 @@ class BiasCompensatedLeastSquares:
 
     filter: Sequence[float] | None = None
 
+    name: ClassVar[str] = "BiasCompensatedLeastSquares"
+    """What tables and files call it."""
+    capabilities: ClassVar[Capability] = Capability.NONE
+    """The plain case only."""
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "filter", checked_filter(self.filter))
-
-    @property
-    def name(self) -> str:
-        """``"BiasCompensatedLeastSquares"``."""
-        return "BiasCompensatedLeastSquares"
-
-    @property
-    def capabilities(self) -> Capability:
-        """The plain case only."""
-        return Capability.NONE
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None

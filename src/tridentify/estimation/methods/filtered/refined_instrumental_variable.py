@@ -53,6 +53,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from numbers import Integral, Real
+from typing import ClassVar
 
 import numpy as np
 
@@ -71,11 +72,10 @@ from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidat
 from tridentify.estimation.likelihood.problem import REFLECTED, TOO_FAST, Problem
 from tridentify.estimation.likelihood.thresholds import TRUSTED
 from tridentify.estimation.methods.base import Progress, check
-from tridentify.estimation.methods.capability import Capability
+from tridentify.estimation.methods.capability import Capability, refuse_missing
 from tridentify.estimation.methods.filtered.state_variable_filters import (
     constants,
     filtered_outputs,
-    refuse_missing,
 )
 from tridentify.estimation.methods.filtered.svf_instrumental_variable import instrumental_passes
 from tridentify.estimation.methods.filtered.svf_least_squares import least_squares
@@ -124,6 +124,11 @@ class RefinedInstrumentalVariable:
     max_passes: int = 50
     tolerance: float = 1e-4
 
+    name: ClassVar[str] = "RefinedInstrumentalVariable"
+    """What tables and files call it."""
+    capabilities: ClassVar[Capability] = Capability.NONE
+    """The plain case only."""
+
     def __post_init__(self) -> None:
         if not (isinstance(self.max_passes, Integral) and self.max_passes >= 1):
             raise OptionError(
@@ -135,16 +140,6 @@ class RefinedInstrumentalVariable:
                 f"found tolerance={shown(self.tolerance)}; expected a positive number of standard "
                 "errors; correct it"
             )
-
-    @property
-    def name(self) -> str:
-        """``"RefinedInstrumentalVariable"``."""
-        return "RefinedInstrumentalVariable"
-
-    @property
-    def capabilities(self) -> Capability:
-        """The plain case only."""
-        return Capability.NONE
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None

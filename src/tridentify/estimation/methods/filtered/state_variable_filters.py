@@ -44,160 +44,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tridentify.errors import (
-    OptionError,
-    ScaleError,
-    UnsupportedError,
-    UnsupportedOrderError,
-    shown,
-)
+from tridentify.errors import UnsupportedOrderError
 from tridentify.estimation.likelihood.curvature import SINGULAR
-from tridentify.estimation.likelihood.held_model import HeldModel as HeldModel
+from tridentify.estimation.likelihood.held_model import HeldModel
 from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.methods.filtered.filter_cascade import Filter
 from tridentify.models.regression import Experiment, Layout, Regression, regress
 from tridentify.models.response import ColumnBlocks, Response
-from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.arrays import Array, Indices
 from tridentify.numerics.discretize import discretize
 from tridentify.numerics.least_squares import solve
 from tridentify.numerics.propagate import propagate
-from tridentify.numerics.realization import (
-    Cascade,
-    DegreeBasis,
-    cascade,
-    degree_basis,
-    denominator,
-    filter_map,
-    numerators,
-    roots_of,
-    sort_poles,
-)
-from tridentify.record.checks.scales import LARGEST_COEFFICIENT, check_filter
-from tridentify.record.record import Record
+from tridentify.numerics.realization import Cascade, cascade, filter_map, roots_of, sort_poles
 
 TINY = 1e-300
 """Keeps the inverse root of the power of an output of nothing finite: near the smallest double."""
-
-
-def checked_filter(filter: Sequence[float] | None) -> tuple[float, ...] | None:
-    """Coefficients of a stable ``c(p)``, made monic; None stays None.
-
-    Raises
-    ------
-    OptionError
-        Not a list of finite numbers, or roots that are not in the open left half plane.
-    """
-    if filter is None:
-        return None
-    try:
-        c = np.asarray(filter, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        c = np.zeros(0)
-    if not (c.ndim == 1 and c.size > 1 and np.all(np.isfinite(c)) and c[0]):
-        raise OptionError(
-            f"found filter={filter!r}; expected the coefficients of c(p), descending powers; "
-            "correct them, or leave filter out"
-        )
-    monic = monic_filter(c)
-    if np.any(np.roots(monic).real >= 0):
-        raise OptionError(
-            f"found an unstable filter {tuple(filter)!r}; expected roots with negative real parts; "
-            "correct the coefficients, or leave filter out"
-        )
-    return tuple(monic.tolist())
-
-
-def monic_filter(c: Array) -> Array:
-    """Coefficients of a filter, divided by the first.
-
-    Raises
-    ------
-    ScaleError
-        If the squares of the others then are no numbers.
-    """
-    with np.errstate(over="ignore", under="ignore"):
-        monic = np.asarray(c / c[0])
-    sizes = np.abs(monic[monic != 0])
-    if not (sizes.max() <= LARGEST_COEFFICIENT and sizes.min() >= 1.0 / LARGEST_COEFFICIENT):
-        raise ScaleError(
-            f"found filter={shown(c.tolist())}; expected coefficients within a factor of "
-            f"{LARGEST_COEFFICIENT:.0e} of the first, whose squares are numbers; choose rates that "
-            "a record can show, or leave filter out"
-        )
-    return monic
-
-
-def check_rates(poles: Complex, what: str, experiments: Sequence[Experiment]) -> None:
-    """Refuse a filter whose rates have nothing to do with the records.
-
-    Raises
-    ------
-    ScaleError
-    """
-    shortest, longest = min(e.dt for e in experiments), max(e.duration for e in experiments)
-    check_filter(poles, what, shortest, longest)
-
-
-class Filter(Cascade):
-    """The cascade of ``1 / c`` that keeps what is asked of it again and again."""
-
-    @classmethod
-    def of(cls, c: Cascade) -> Filter:
-        """The filter of a cascade; itself if it is one."""
-        return c if isinstance(c, cls) else cls(*c)
-
-    @cached_property
-    def basis(self) -> DegreeBasis:
-        """Its functions sorted by degree."""
-        return degree_basis(self)
-
-    @cached_property
-    def proper(self) -> Array:
-        """(q, q) coefficients of the numerators of ``basis``, descending powers."""
-        return np.asarray(self.basis.rows @ numerators(self.poles))
-
-    @cached_property
-    def monic(self) -> Array:
-        """(q + 1,) coefficients of ``c``."""
-        return denominator(self.poles)
-
-
-def filter_cascade(filter: Sequence[float], n_poles: int) -> Filter:
-    """The filter with given coefficients.
-
-    Raises
-    ------
-    OptionError
-        If the degree of ``c`` is below the number of poles.
-    """
-    if len(filter) - 1 < n_poles:
-        raise OptionError(
-            f"found a filter of degree {len(filter) - 1} for {n_poles} poles; expected at least "
-            "that many roots; add roots to c(p), or leave filter out"
-        )
-    roots = np.roots(np.asarray(filter)).astype(np.complex128)
-    return Filter.of(cascade(sort_poles(roots)))
-
-
-def refuse_missing(records: Sequence[Record], method: str) -> None:
-    """Refuse missing output samples: a filter on ``y`` needs all of them.
-
-    Raises
-    ------
-    UnsupportedError
-    """
-    for record in records:
-        missing = int(np.isnan(record.y).sum())
-        if missing:
-            raise UnsupportedError(
-                f"found {missing} missing output samples; {method} filters the output and expects "
-                "all of them; cut the record into pieces without gaps, or use ThreeModel()"
-            )
 
 
 # ---------------------------------------------------------------------------------- filtering
@@ -289,7 +154,7 @@ class Equation(NamedTuple):
     target: Array
     instruments: Array
     width: dict[object, slice]
-    owner: NDArray[np.int64]
+    owner: Indices
 
 
 def equation(

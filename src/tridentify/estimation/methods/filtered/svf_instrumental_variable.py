@@ -31,17 +31,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 from tridentify.errors import IdentifiabilityError
 from tridentify.estimation.answer.estimate import Estimate, Pass
 from tridentify.estimation.methods.base import Progress, check
-from tridentify.estimation.methods.capability import Capability
-from tridentify.estimation.methods.filtered.state_variable_filters import (
-    SvfFit,
-    checked_filter,
-    fit,
-    refuse_missing,
-)
+from tridentify.estimation.methods.capability import Capability, refuse_missing
+from tridentify.estimation.methods.filtered.filter_cascade import checked_filter
+from tridentify.estimation.methods.filtered.state_variable_filters import SvfFit, fit
 from tridentify.estimation.methods.filtered.svf_least_squares import (
     Chosen,
     described,
@@ -90,18 +87,13 @@ class SvfInstrumentalVariable:
 
     filter: Sequence[float] | None = None
 
+    name: ClassVar[str] = "SvfInstrumentalVariable"
+    """What tables and files call it."""
+    capabilities: ClassVar[Capability] = Capability.NONE
+    """The plain case only."""
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "filter", checked_filter(self.filter))
-
-    @property
-    def name(self) -> str:
-        """``"SvfInstrumentalVariable"``."""
-        return "SvfInstrumentalVariable"
-
-    @property
-    def capabilities(self) -> Capability:
-        """The plain case only."""
-        return Capability.NONE
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None

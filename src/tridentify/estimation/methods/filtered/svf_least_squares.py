@@ -29,6 +29,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -39,19 +40,20 @@ from tridentify.estimation.likelihood.literal import literal_estimate
 from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidates
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.estimation.methods.base import Progress, check
-from tridentify.estimation.methods.capability import Capability
-from tridentify.estimation.methods.filtered.state_variable_filters import (
+from tridentify.estimation.methods.capability import Capability, refuse_missing
+from tridentify.estimation.methods.filtered.filter_cascade import (
     Filter,
+    check_rates,
+    checked_filter,
+    filter_cascade,
+)
+from tridentify.estimation.methods.filtered.state_variable_filters import (
     SvfFit,
     backward,
     bank_of,
-    check_rates,
-    checked_filter,
     coefficient_map,
     equation,
-    filter_cascade,
     fit,
-    refuse_missing,
     unreduced,
     with_filtered,
 )
@@ -102,18 +104,13 @@ class SvfLeastSquares:
 
     filter: Sequence[float] | None = None
 
+    name: ClassVar[str] = "SvfLeastSquares"
+    """What tables and files call it."""
+    capabilities: ClassVar[Capability] = Capability.NONE
+    """The plain case only."""
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "filter", checked_filter(self.filter))
-
-    @property
-    def name(self) -> str:
-        """``"SvfLeastSquares"``."""
-        return "SvfLeastSquares"
-
-    @property
-    def capabilities(self) -> Capability:
-        """The plain case only."""
-        return Capability.NONE
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None

@@ -11,12 +11,7 @@ from collections.abc import Iterator
 from urllib.parse import urlsplit
 
 from tridentify.errors import OptionError, UnreadableFileError, shown
-from tridentify.record.formats.streams.sources import (
-    PIECE,
-    WAIT,
-    Chunk,
-    Mark,
-)
+from tridentify.record.formats.streams.sources import PIECE, WAIT, Chunk, Mark
 
 _RXQ_OVFL = getattr(socket, "SO_RXQ_OVFL", 40) if sys.platform == "linux" else None
 """Socket option that has Linux tell, with a datagram, how many were dropped before it."""

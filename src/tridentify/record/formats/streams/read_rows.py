@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Indices
 
 AROUND = " \r\n\v\f"  # a tab may stand beside a blank cell
 
@@ -37,8 +34,8 @@ class Rows:
     """
 
     values: Array
-    lines: NDArray[np.int64]
-    stops: NDArray[np.int64]
+    lines: Indices
+    stops: Indices
     problems: list[BadLine]
 
 

@@ -23,10 +23,9 @@ from operator import itemgetter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import DataError, MissingHeaderError, UnitError, UnreadableFileError, shown
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Indices
 from tridentify.record.checks.values import (
     check_keys,
     checked,
@@ -45,13 +44,7 @@ from tridentify.record.formats.streams.blocks import (
 )
 from tridentify.record.formats.streams.header import Asked, HeaderColumns, find_columns
 from tridentify.record.formats.streams.lines import LONGEST_LINE, WholeLines
-from tridentify.record.formats.streams.read_rows import (
-    AROUND,
-    BadLine,
-    BadLineError,
-    Rows,
-    decoded,
-)
+from tridentify.record.formats.streams.read_rows import AROUND, BadLine, BadLineError, Rows, decoded
 from tridentify.record.formats.text_opening import COMMENTS
 from tridentify.record.formats.title_lines import best_separator
 
@@ -213,7 +206,7 @@ class RowReader:
             self.lines += len(ends) - opened
         return self._rows(np.concatenate(values), first, ends + lines.start)
 
-    def _rows(self, values: Array, first: int, stops: NDArray[np.int64]) -> Rows:
+    def _rows(self, values: Array, first: int, stops: Indices) -> Rows:
         dropped = set(self._skipped)
         if not (self.asked.uniform and self._open):
             dropped.update(self._problems)
@@ -314,7 +307,7 @@ class RowReader:
         except UnicodeDecodeError:
             return line.decode("latin-1").strip(AROUND)
 
-    def _body(self, text: bytes, ends: NDArray[np.int64], offset: int) -> Array:
+    def _body(self, text: bytes, ends: Indices, offset: int) -> Array:
         """Read lines; `offset` is the number of the first one in what is read now."""
         csv_lines = self._form == "csv"
         values = (self._quick_csv if csv_lines else self._quick_json)(text, ends)
@@ -329,7 +322,7 @@ class RowReader:
         return np.concatenate([left, self._body(text[cut:], ends[half:] - cut, offset + half)])
 
     # ---------------------------------------------------------------------------------------- CSV
-    def _quick_csv(self, text: bytes, ends: NDArray[np.int64]) -> Array | None:
+    def _quick_csv(self, text: bytes, ends: Indices) -> Array | None:
         """Read lines that are as plain as can be, or give None."""
         columns, separator = self._columns, self._separator.encode()
         assert columns is not None
@@ -364,7 +357,7 @@ class RowReader:
         self,
         read: Callable[[str], list[float] | None],
         text: bytes,
-        ends: NDArray[np.int64],
+        ends: Indices,
         offset: int,
     ) -> Array:
         values = self._nothing(len(ends))
@@ -447,7 +440,7 @@ class RowReader:
             raise BadLineError(f"found damaged quotes ({error}); expected numbers") from error
 
     # --------------------------------------------------------------------------------------- JSON
-    def _quick_json(self, text: bytes, ends: NDArray[np.int64]) -> Array | None:
+    def _quick_json(self, text: bytes, ends: Indices) -> Array | None:
         """Read lines of numbers and null that are as plain as can be, or give None."""
         if self._columns is None:
             return None

@@ -10,12 +10,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, Literal, cast
-
-import numpy as np
-from numpy.typing import ArrayLike
 
 from tridentify.errors import (
     BoundsError,
@@ -27,13 +24,11 @@ from tridentify.errors import (
     StructureError,
     shown,
 )
-from tridentify.numerics.arrays import Array
 from tridentify.record.checks.orders import (
     Bounds,
     Equality,
     Gain,
     Matrix,
-    channel_matrix,
     checked_bounds,
     checked_choice,
     checked_delays,
@@ -44,6 +39,7 @@ from tridentify.record.checks.orders import (
     checked_priors,
     is_pair,
 )
+from tridentify.structure.orders import Orders
 
 __all__ = ["AutoStructure", "InitialState", "Structure"]
 
@@ -79,7 +75,7 @@ class AutoStructure:
 
 
 @dataclass(frozen=True)
-class Structure:
+class Structure(Orders):
     """Orders, delay, nuisance terms and constraints of a model.
 
     Parameters
@@ -142,10 +138,7 @@ class Structure:
     ('a1', 'a0', 'b1[q,elevator]', 'b0[q,elevator]', 'b0[alpha,elevator]')
     """
 
-    poles: int | Sequence[Sequence[int]]
-    zeros: int | Sequence[Sequence[int]] = None  # type: ignore[assignment]
     _: KW_ONLY
-    delay: float | Sequence[Sequence[float]] | Literal["free"] = 0.0
     offset: Choice = "auto"
     drift: Choice | None = None
     initial_state: InitialState = "auto"
@@ -298,101 +291,11 @@ class Structure:
         return bool(self.known) or self.static_gain is not None
 
     @property
-    def shared(self) -> bool:
-        """Whether one denominator is shared by all channels; a single channel shares its own."""
-        return isinstance(self.poles, int) or (len(self.poles), len(self.poles[0])) == (1, 1)
-
-    @property
-    def common_poles(self) -> int:
-        """Degree of the denominator that all channels share.
-
-        Raises
-        ------
-        ChannelCountError
-            The channels have separate denominators.
-        """
-        if isinstance(self.poles, int):
-            return self.poles
-        if not self.shared:
-            raise ChannelCountError(
-                f"found separate denominators, poles={shown(self.poles)}; expected one that all "
-                "channels share; give poles as one number"
-            )
-        return self.poles[0][0]
-
-    def poles_matrix(self, n_outputs: int, n_inputs: int) -> Matrix[int]:
-        """Give the number of poles of every channel.
-
-        Parameters
-        ----------
-        n_outputs, n_inputs : int
-            Numbers of channels of the record.
-
-        Returns
-        -------
-        tuple of tuple of int, ``[output][input]``
-
-        Raises
-        ------
-        ChannelCountError
-            The nested orders are for other numbers of channels.
-
-        Examples
-        --------
-        >>> Structure(2, 0).poles_matrix(1, 2)
-        ((2, 2),)
-        """
-        return channel_matrix("poles", cast("int | Matrix[int]", self.poles), n_outputs, n_inputs)
-
-    def zeros_matrix(self, n_outputs: int, n_inputs: int) -> Matrix[int]:
-        """Give the degree of the numerator of every channel.
-
-        Parameters
-        ----------
-        n_outputs, n_inputs : int
-            Numbers of channels of the record.
-
-        Returns
-        -------
-        tuple of tuple of int, ``[output][input]``
-
-        Raises
-        ------
-        ChannelCountError
-            The nested orders are for other numbers of channels.
-
-        Examples
-        --------
-        >>> Structure(2, [[1], [0]]).zeros_matrix(2, 1)
-        ((1,), (0,))
-        """
-        return channel_matrix("zeros", cast("int | Matrix[int]", self.zeros), n_outputs, n_inputs)
-
-    def delay_matrix(self, n_outputs: int, n_inputs: int) -> Matrix[float]:
-        """Give the known delay of every channel.
-
-        Parameters
-        ----------
-        n_outputs, n_inputs : int
-            Numbers of channels of the record.
-
-        Returns
-        -------
-        tuple of tuple of float, ``[output][input]`` [s]
-            Zero where the delay is to be estimated.
-
-        Raises
-        ------
-        ChannelCountError
-            The nested delays are for other numbers of channels.
-
-        Examples
-        --------
-        >>> Structure(2, 0, delay=0.1).delay_matrix(1, 2)
-        ((0.1, 0.1),)
-        """
-        known = 0.0 if self.delay == "free" else cast("float | Matrix[float]", self.delay)
-        return channel_matrix("delay", known, n_outputs, n_inputs)
+    def unconstrained(self) -> Structure:
+        """The same with nothing known of the coefficients."""
+        return replace(
+            self, fixed=None, bounds=None, equalities=None, priors=None, static_gain=None
+        )
 
     def gain_matrix(self, n_outputs: int, n_inputs: int) -> tuple[tuple[float | None, ...], ...]:
         """Give the known static gain of every channel.
@@ -480,86 +383,6 @@ class Structure:
                     "correct the name"
                 )
         return tuple(names)
-
-    def n_parameters(self, n_outputs: int = 1, n_inputs: int = 1) -> int:
-        """Count the coefficients, fixed ones included.
-
-        Parameters
-        ----------
-        n_outputs, n_inputs : int
-            Numbers of channels of the record.
-
-        Returns
-        -------
-        int
-            Length of the parameter vector.
-
-        Raises
-        ------
-        ChannelCountError
-            Nested orders are for other numbers of channels.
-
-        Examples
-        --------
-        >>> Structure(2, 1).n_parameters(2, 1)
-        6
-        """
-        poles = self.poles_matrix(n_outputs, n_inputs)
-        zeros = self.zeros_matrix(n_outputs, n_inputs)
-        denominators = poles[0][0] if self.shared else sum(map(sum, poles))
-        numerators = sum(map(sum, zeros)) + n_outputs * n_inputs
-        return denominators + numerators + (n_inputs if self.delay == "free" else 0)
-
-    def split(
-        self, theta: ArrayLike, n_outputs: int = 1, n_inputs: int = 1
-    ) -> tuple[list[list[Array]], list[list[Array]]]:
-        """Cut a parameter vector into numerators and monic denominators.
-
-        Parameters
-        ----------
-        theta : array_like, shape (n_parameters,)
-            Coefficients in the order of `names`; free delays at its end are passed over.
-        n_outputs, n_inputs : int
-            Numbers of channels.
-
-        Returns
-        -------
-        num, den : list of list of ndarray, ``[output][input]``
-            Descending powers, lengths zeros + 1 and poles + 1.
-
-        Raises
-        ------
-        ChannelCountError
-            `theta` has another length, or nested orders are for other numbers of channels.
-
-        Examples
-        --------
-        >>> num, den = Structure(2, 0).split([1.0, 3.0, 0.5])
-        >>> num[0][0], den[0][0]
-        (array([0.5]), array([1., 1., 3.]))
-        """
-        values = np.asarray(theta, dtype=np.float64)
-        expected = self.n_parameters(n_outputs, n_inputs)
-        if values.shape != (expected,):
-            raise ChannelCountError(
-                f"found theta of shape {values.shape}; expected ({expected},) for {n_outputs} "
-                f"outputs and {n_inputs} inputs; order it as names() does"
-            )
-        poles = self.poles_matrix(n_outputs, n_inputs)
-        zeros = self.zeros_matrix(n_outputs, n_inputs)
-        position = poles[0][0] if self.shared else 0
-        common = values[:position]
-        num: list[list[Array]] = [[] for _ in range(n_outputs)]
-        den: list[list[Array]] = [[] for _ in range(n_outputs)]
-        for i in range(n_outputs):
-            for j in range(n_inputs):
-                own = 0 if self.shared else poles[i][j]
-                lower = common if self.shared else values[position : position + own]
-                den[i].append(np.concatenate(([1.0], lower)))
-                position += own
-                num[i].append(values[position : position + zeros[i][j] + 1].copy())
-                position += zeros[i][j] + 1
-        return num, den
 
     def to_dict(self) -> dict[str, Any]:
         """Give plain numbers, text and lists, ready for JSON.

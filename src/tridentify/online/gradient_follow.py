@@ -1,0 +1,198 @@
+"""The slow clock of the gradient rule: periods end, averages move on, the model follows Step 2."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+
+from tridentify.numerics.arrays import Array
+from tridentify.numerics.realization import denominator
+from tridentify.online.gradient_periods import (
+    PERIODS_TO_BE_SURE,
+    average,
+    begin_period,
+    columns_between,
+    mean_of,
+    near_enough,
+    outputs_of,
+    samples_of_period,
+    stable_poles,
+)
+from tridentify.online.gradient_plan import Basis, Tables, plan
+from tridentify.online.gradient_vector import (
+    as_expected,
+    models_of,
+    moments_of,
+    noise_of,
+    put_parallel,
+    put_unknowns,
+    signals_of,
+    write_moments,
+)
+from tridentify.online.kernels import gradient_slots as places
+from tridentify.online.kernels import slots
+from tridentify.online.layout import Blueprint
+from tridentify.online.state import Stage, State
+from tridentify.online.summary import carried
+from tridentify.online.suspecting import Suspecting
+
+MOST_PERIODS, FIXED_PERIODS = 16, 8
+"""Periods that are kept before neighbours are joined and the clock slows down; those that are
+averaged where the rate is fixed."""
+SETTLING = 2
+"""Periods on a first basis before the poles are moved: the first one still forgets where it
+began."""
+OWN_ARRAYS = 2
+"""Of the rule among what a stage keeps: its periods, and where it stands."""
+
+
+class GradientRule(Suspecting):
+    """What the steps of the gradient rule ask of it (`online.gradient`)."""
+
+    rate: float | None
+    orthogonal: bool
+
+    own_arrays: ClassVar[int] = OWN_ARRAYS
+
+
+def followed(method: GradientRule, state: State) -> State:
+    """At the end of a period: averages, and the model follows Step 2."""
+    x, stage = state
+    setting, blueprint = stage.setting, stage.blueprint
+    batches, rate, periods = periods_of(stage)
+    basis = Basis.of(setting, blueprint)
+    if not blueprint.constants[places.KNOWN]:
+        begin_period(x, setting, rate, rested=False)
+        return _again(method, State(x, stage), basis, batches, rate, 0)
+    if x[places.FROM] == np.inf:
+        begin_period(x, setting, rate, rested=True)
+        return _again(method, State(x, stage), basis, batches, rate, periods)
+    if x[places.SUMMED] < 0.5 * samples_of_period(setting, rate):
+        x[slots.TICK] = x[slots.COUNT] + np.ceil(0.5 * samples_of_period(setting, rate))
+        return state
+    theta, _ = mean_of(basis, blueprint, x)
+    if not basis.adapted and periods + 1 < SETTLING:
+        begin_period(x, setting, rate, rested=False)
+        return _again(method, state, basis, batches, rate, periods + 1)
+    if basis.adapted:
+        row = np.concatenate([[x[places.SUMMED]], theta])[None, :]
+        batches = np.vstack([batches.reshape(-1, row.size), row])
+        batches, rate = _joined(batches, rate, method.rate)
+    target = theta if len(batches) < 2 * PERIODS_TO_BE_SURE else average(batches)
+    if not np.all(np.isfinite(target)):
+        target = theta
+    poles = stable_poles(target[: setting.n_poles], setting)
+    if poles is None or (basis.adapted and near_enough(poles, basis, batches)):
+        begin_period(x, setting, rate, rested=True)
+        return _again(method, state, basis, batches, rate, periods + 1)
+    new = Basis.on_model(setting, blueprint.nuisance, poles)
+    target = np.concatenate([denominator(poles)[1:], target[setting.n_poles :]])
+    return _moved(method, state, basis, new, target, (batches, rate, periods + 1))
+
+
+def _joined(batches: Array, rate: float, held: float | None) -> tuple[Array, float]:
+    """Not too many periods; the clock slows down where it may."""
+    if held is not None:
+        return batches[-FIXED_PERIODS:], rate
+    if len(batches) < MOST_PERIODS:
+        return batches, rate
+    pairs = batches.reshape(-1, 2, batches.shape[1])
+    weights = pairs[:, :, :1]
+    total = weights.sum(axis=1)
+    return np.hstack([total, (weights * pairs[:, :, 1:]).sum(axis=1) / total]), 0.5 * rate
+
+
+def tables_of(
+    models: Array, signals: Array, moments: Array | None, noise: Array, orthogonal: bool
+) -> Tables:
+    """Tables with neither a rate nor readiness yet."""
+    weights = 1.0 / np.maximum(noise, 1e-12 * max(float(noise.max()), 1e-280))
+    return Tables(models, signals, weights / weights.mean(), moments, orthogonal, 0.0, 0.0)
+
+
+def _again(
+    method: GradientRule, state: State, basis: Basis, batches: Array, rate: float, periods: int
+) -> State:
+    """The same model; the step lengths are brought up to date."""
+    x, stage = state
+    blueprint = stage.blueprint
+    models = models_of(basis, blueprint)
+    signals = signals_of(basis, blueprint, x)[1]
+    tables = tables_of(
+        models, signals, moments_of(blueprint, x), noise_of(blueprint, x), method.orthogonal
+    )
+    ready = _readiness(basis, blueprint, batches)
+    found = replace(tables, rate=rate, ready=ready).written(basis, blueprint)
+    as_expected(blueprint, x)
+    return State(x, stage.but(blueprint=found, extra=_kept(stage, batches, rate, periods)))
+
+
+def _moved(
+    method: GradientRule, state: State, old: Basis, new: Basis, theta: Array,
+    extra: tuple[Array, float, int],
+) -> State:  # fmt: skip
+    """The models on the bank of another denominator."""
+    x, stage = state
+    batches, rate, periods = extra
+    setting, was = stage.setting, stage.blueprint
+    blueprint = plan(new, bool(was.ints[slots.CHUNK]))
+    found = carried(was, x, blueprint)
+    if old.adapted:
+        a, b = int(was.ints[slots.AT_WATCH]), int(blueprint.ints[slots.AT_WATCH])
+        size = setting.n_outputs * int(was.ints[slots.WATCH])
+        found[b : b + size] = x[a : a + size]
+    move = columns_between(old, new)
+    at, to = int(was.ints[slots.AT_ROW]), int(blueprint.ints[slots.AT_ROW])
+    found[to : to + new.width] = move @ x[at : at + old.width]
+    if found[slots.FIRST]:
+        found[slots.FIRST] = new.poles.size
+    moments = move @ moments_of(was, x) @ move.T
+    write_moments(blueprint, found, moments, float(x[places.MOMENTS]))
+    parallel, working = (one @ move.T for one in signals_of(old, was, x))
+    unknowns = new.unknowns_of(theta)
+    models = outputs_of(new, unknowns)
+    if new.nuisance.free:
+        impulse = slice(0, new.kept)
+        models[:, impulse] = working[:, impulse]
+    if new.nuisance.offset:
+        models[:, -1] = working[:, -1]
+    put_parallel(new, blueprint, found, parallel)
+    put_unknowns(blueprint, found, unknowns)
+    tables = tables_of(models, models, moments, noise_of(was, x), method.orthogonal)
+    tables = replace(tables, rate=rate, ready=_readiness(new, was, batches))
+    blueprint = tables.written(new, blueprint)
+    as_expected(blueprint, found)
+    begin_period(found, setting, rate, rested=False)
+    return State(
+        found,
+        stage.but(
+            blueprint=blueprint,
+            poles=new.filter_poles,
+            extra=_kept(stage, batches, rate, periods),
+        ),
+    )
+
+
+def extra_of(batches: Array, rate: float, periods: int) -> tuple[Array, ...]:
+    """What a stage keeps of the periods, of the rate and of how many there have been."""
+    return (batches.ravel(), np.array([rate, float(periods)]))
+
+
+def _kept(stage: Stage, batches: Array, rate: float, periods: int) -> tuple[Array, ...]:
+    """With what is kept of a suspicion behind them."""
+    return *extra_of(batches, rate, periods), *stage.extra[OWN_ARRAYS:]
+
+
+def periods_of(stage: Stage) -> tuple[Array, float, int]:
+    """The same, read."""
+    flat, (rate, periods) = stage.extra[:OWN_ARRAYS]
+    return flat.reshape(-1, len(stage.setting.names) + 1), float(rate), int(periods)
+
+
+def _readiness(basis: Basis, before: Blueprint, batches: Array) -> float:
+    """Whether samples may be doubted and changes told; what may be doubted stays so."""
+    if basis.adapted and len(batches) >= PERIODS_TO_BE_SURE:
+        return places.TELLS
+    return min(float(before.constants[places.READY]), places.DOUBTS)
