@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from tridentify.cli import options
-from tridentify.cli.groups import Reading
-from tridentify.cli.load import asked_channels, load
+from tridentify.cli.groups import Measured, Reading
+from tridentify.cli.load import load
 from tridentify.cli.run import load_compiled
 from tridentify.cli.tables import describe_findings, describe_records
 from tridentify.cli.terminal import Activity, paragraph
@@ -19,31 +19,27 @@ from tridentify.writing.files import write_atomically
 if TYPE_CHECKING:
     from tridentify.judgement.advice import Advice
 
-Out = Annotated[
-    Path | None,
-    options.result_option(
-        metavar="DIR", help="Write advice.json and frequency-response.svg into this folder."
-    ),
-]
-
 
 def advise(
-    files: options.Files,
-    inputs: options.NamedInputs = None,
-    outputs: options.NamedOutputs = None,
+    measured: Measured,
     *,
     reading: Reading,
-    out: Out = None,
+    out: Annotated[Path | None, options.result_option(metavar="DIR")] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Say what a record can tell before anything is fitted: excited band, delay, bad samples.
 
     Example: tridentify advise flight.csv --input elevator --output q
+
+    Parameters
+    ----------
+    out
+        Write advice.json and frequency-response.svg into this folder.
     """
     from tridentify.judgement.advice import advise as look_at
 
-    inputs, outputs = asked_channels(files, inputs, outputs)
-    source = reading.source(files, inputs, outputs)
+    inputs, outputs = measured.columns()
+    source = reading.source(measured.files, inputs, outputs)
     with at_work(out) as work:
         activity = work.activity
         records = load(source, activity)

@@ -78,17 +78,20 @@ class Fitted:
 
 
 def demo(
-    out: Annotated[
-        Path, typer.Option(metavar="DIR", help="Folder for the report, the figures and the record.")
-    ] = Path("tridentify-demo"),
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object instead of tables.")
-    ] = False,
+    out: Annotated[Path, typer.Option(metavar="DIR")] = Path("tridentify-demo"),
+    as_json: Annotated[bool, typer.Option("--json")] = False,
 ) -> None:
     """Identify the aircraft record that ships with the package and compare with the truth.
 
     The record is ten simulated seconds of an A-4 whose elevator makes a 3-2-1-1. Angle of attack
     and pitch rate carry sensor noise; the engine that flew it states the true coefficients.
+
+    Parameters
+    ----------
+    out
+        Folder for the report, the figures and the record.
+    as_json
+        Print one JSON object instead of tables.
     """
     with ExitStack() as stack:
         results = stack.enter_context(ResultFolder(out))

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
-from tridentify.cli import excite_options as own
+import typer
+
 from tridentify.cli.excite_options import Signal, Wish
 from tridentify.cli.knowledge import NUMBER
 from tridentify.cli.stored_models import model_file
@@ -43,16 +45,27 @@ SEVERAL = ("prbs", "multisine", "optimal")
 
 
 def excite(
-    signal: own.What,
-    dt: own.Step,
-    out: own.PlanFile = None,
+    signal: Annotated[Signal, typer.Argument()],
+    dt: Annotated[float, typer.Option(metavar="SECONDS")],
+    out: Annotated[Path | None, typer.Option(metavar="FILE")] = None,
     *,
     wish: Wish,
-    as_json: own.AsJson = False,
+    as_json: Annotated[bool, typer.Option("--json")] = False,
 ) -> None:
     """Make an input for an experiment, and say what precision it will give.
 
     Example: tridentify excite 3-2-1-1 --dt 0.02 --for-frequency 3 --amplitude 1deg --out plan.csv
+
+    Parameters
+    ----------
+    signal
+        What to make.
+    dt
+        Sampling interval.
+    out
+        Write time and inputs there, as CSV.
+    as_json
+        Print one JSON object instead of text.
     """
     from tridentify.excitation import precision
     from tridentify.export import read_json

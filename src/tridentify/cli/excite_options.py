@@ -9,75 +9,60 @@ from typing import Annotated, Literal
 import typer
 
 Signal = Literal["prbs", "multisine", "3-2-1-1", "doublet", "chirp", "optimal"]
-What = Annotated[Signal, typer.Argument(help="What to make.")]
-Step = Annotated[float, typer.Option(metavar="SECONDS", help="Sampling interval.")]
-PlanFile = Annotated[
-    Path | None, typer.Option(metavar="FILE", help="Write time and inputs there, as CSV.")
-]
-AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]
 
 
 @dataclass(frozen=True)
 class Wish:
-    """What is asked of a signal; None where nothing is said."""
+    """What is asked of a signal; None where nothing is said.
 
-    amplitude: Annotated[
-        str | None,
-        typer.Option(
-            metavar="A",
-            help="Largest magnitude about the trim, in the unit of the input or with one of its "
-            "own, such as 1.5deg.",
-        ),
-    ] = None
-    duration: Annotated[
-        float | None,
-        typer.Option(metavar="SECONDS", help="Of a chirp, or of a multisine's period."),
-    ] = None
-    band: Annotated[
-        str | None,
-        typer.Option(metavar="LOW,HIGH", help="Of a chirp or multisine, in rad/s."),
-    ] = None
-    width: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="Of a doublet's or 3-2-1-1's unit.")
-    ] = None
-    for_frequency: Annotated[
-        float | None,
-        typer.Option(metavar="RAD/S", help="In place of --width: the mode to be excited."),
-    ] = None
-    order: Annotated[int | None, typer.Option(help="Stages of a PRBS; 7 by default.")] = None
-    clock: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="Time that a PRBS holds a bit.")
-    ] = None
-    lead: Annotated[float | None, typer.Option(metavar="SECONDS", help="Rest before pulses.")] = (
-        None
-    )
-    tail: Annotated[float | None, typer.Option(metavar="SECONDS", help="Rest after pulses.")] = None
-    periods: Annotated[int | None, typer.Option(help="How often it is repeated.")] = None
-    inputs: Annotated[
-        list[str] | None,
-        typer.Option("--input", metavar="NAME", help="Name of an input; may be repeated."),
-    ] = None
-    model: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="MODEL",
-            help="model.json of the plant, or the folder of identify --out: say what precision to "
-            "expect.",
-        ),
-    ] = None
-    noise: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="STD",
-            help="Noise on the outputs: once for all of them, or once for each, by name "
-            "(--noise q=0.2) or in their order; that of the estimate by default.",
-        ),
-    ] = None
-    coefficient: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="Of interest to the optimal input; may be repeated."),
-    ] = None
-    binary: Annotated[
-        bool | None,
-        typer.Option("--binary", help="The optimal input as a signal of two levels."),
-    ] = None
+    Attributes
+    ----------
+    amplitude
+        Largest magnitude about the trim, in the unit of the input or with one of its own, such as
+        1.5deg.
+    duration
+        Of a chirp, or of a multisine's period.
+    band
+        Of a chirp or multisine, in rad/s.
+    width
+        Of a doublet's or 3-2-1-1's unit.
+    for_frequency
+        In place of --width: the mode to be excited.
+    order
+        Stages of a PRBS; 7 by default.
+    clock
+        Time that a PRBS holds a bit.
+    lead
+        Rest before pulses.
+    tail
+        Rest after pulses.
+    periods
+        How often it is repeated.
+    inputs
+        Name of an input; may be repeated.
+    model
+        model.json of the plant, or the folder of identify --out: say what precision to expect.
+    noise
+        Noise on the outputs: once for all of them, or once for each, by name (--noise q=0.2) or in
+        their order; that of the estimate by default.
+    coefficient
+        Of interest to the optimal input; may be repeated.
+    binary
+        The optimal input as a signal of two levels.
+    """
+
+    amplitude: Annotated[str | None, typer.Option(metavar="A")] = None
+    duration: Annotated[float | None, typer.Option(metavar="SECONDS")] = None
+    band: Annotated[str | None, typer.Option(metavar="LOW,HIGH")] = None
+    width: Annotated[float | None, typer.Option(metavar="SECONDS")] = None
+    for_frequency: Annotated[float | None, typer.Option(metavar="RAD/S")] = None
+    order: Annotated[int | None, typer.Option()] = None
+    clock: Annotated[float | None, typer.Option(metavar="SECONDS")] = None
+    lead: Annotated[float | None, typer.Option(metavar="SECONDS")] = None
+    tail: Annotated[float | None, typer.Option(metavar="SECONDS")] = None
+    periods: Annotated[int | None, typer.Option()] = None
+    inputs: Annotated[list[str] | None, typer.Option("--input", metavar="NAME")] = None
+    model: Annotated[Path | None, typer.Option(metavar="MODEL")] = None
+    noise: Annotated[list[str] | None, typer.Option(metavar="STD")] = None
+    coefficient: Annotated[list[str] | None, typer.Option(metavar="NAME")] = None
+    binary: Annotated[bool | None, typer.Option("--binary")] = None

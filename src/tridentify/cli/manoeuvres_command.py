@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any
 
 from tridentify.cli import options
-from tridentify.cli.groups import Reading
-from tridentify.cli.load import asked_channels, load
+from tridentify.cli.groups import Measured, Reading
+from tridentify.cli.load import load
 from tridentify.cli.run import load_compiled
 from tridentify.cli.tables import describe_records
 from tridentify.cli.terminal import Activity, paragraph, show, show_json
@@ -17,14 +17,7 @@ from tridentify.record.record import Record
 if TYPE_CHECKING:
     from tridentify.judgement.advice import Manoeuvre
 
-Gap = Annotated[
-    float | None,
-    options.record_option(
-        metavar="SECONDS",
-        help="Quiet that separates two manoeuvres and stands before and after each; by default a "
-        "hundredth of the record, less where a long log has no quiet of that length.",
-    ),
-]
+
 NONE = (
     "no manoeuvre was found: nowhere does an input move after a quiet stretch with an answer above "
     "the noise"
@@ -32,24 +25,28 @@ NONE = (
 
 
 def manoeuvres(
-    files: options.Files,
-    inputs: options.NamedInputs = None,
-    outputs: options.NamedOutputs = None,
+    measured: Measured,
     *,
     reading: Reading,
-    gap: Gap = None,
+    gap: Annotated[float | None, options.record_option(metavar="SECONDS")] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Find the pieces of a long log that are worth identifying: an input moves, and is answered.
 
     Example: tridentify manoeuvres flight.csv --input elevator --output q
+
+    Parameters
+    ----------
+    gap
+        Quiet that separates two manoeuvres and stands before and after each; by default a hundredth
+        of the record, less where a long log has no quiet of that length.
     """
     from tridentify.judgement.advice import find_manoeuvres
 
     if gap is not None and not gap > 0.0:
         raise OptionError(f"found --gap {gap:g}; expected seconds above zero; correct it")
-    inputs, outputs = asked_channels(files, inputs, outputs)
-    source = reading.source(files, inputs, outputs)
+    inputs, outputs = measured.columns()
+    source = reading.source(measured.files, inputs, outputs)
     with Activity() as activity:
         records = load(source, activity)
         load_compiled(activity)

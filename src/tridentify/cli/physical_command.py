@@ -41,49 +41,19 @@ TITLES = ("parameter", "value", "std error", "95 % from", "to", "unit")
 
 
 def physical(
-    files: Annotated[
-        list[Path] | None,
-        typer.Argument(metavar="FILE", help="As for identify; several are several experiments."),
-    ] = None,
-    model: Annotated[
-        str | None,
-        options.model_option(metavar="NAME", help="Ready-made model; --list shows them."),
-    ] = None,
-    inputs: Annotated[
-        list[str] | None,
-        options.record_option(
-            "--input",
-            metavar="NAME",
-            help="Column of each input, by name (elevator=u_elevator) or in their order.",
-        ),
-    ] = None,
-    outputs: Annotated[
-        list[str] | None,
-        options.record_option(
-            "--output",
-            metavar="NAME",
-            help="Column of each output, by name (q=y_q) or in their order.",
-        ),
-    ] = None,
+    files: Annotated[list[Path] | None, typer.Argument(metavar="FILE")] = None,
+    model: Annotated[str | None, options.model_option(metavar="NAME")] = None,
+    inputs: Annotated[list[str] | None, options.record_option("--input", metavar="NAME")] = None,
+    outputs: Annotated[list[str] | None, options.record_option("--output", metavar="NAME")] = None,
     *,
     reading: Reading,
-    known: Annotated[
-        list[str] | None,
-        options.known_option(
-            metavar="P=X",
-            help="A parameter that is known: R1=1e4, or with its standard deviation R1=1e4+-100.",
-        ),
-    ] = None,
-    delay: Annotated[
-        str | None, options.model_option(metavar="SECONDS", help="Known dead time of the input.")
-    ] = None,
+    known: Annotated[list[str] | None, options.known_option(metavar="P=X")] = None,
+    delay: Annotated[str | None, options.model_option(metavar="SECONDS")] = None,
     along: Along,
     out: options.Out = None,
     title: options.Title = None,
     as_json: options.AsJson = False,
-    list_models: Annotated[
-        bool, typer.Option("--list", help="Show the ready-made models and their parameters.")
-    ] = False,
+    list_models: Annotated[bool, typer.Option("--list")] = False,
 ) -> None:
     """Estimate the physical parameters of a ready-made model from records in files.
 
@@ -91,6 +61,23 @@ def physical(
     With --out the folder also gets physical.json.
 
     Example: tridentify physical run.csv --model mass-spring-damper --input force --output position
+
+    Parameters
+    ----------
+    files
+        As for identify; several are several experiments.
+    model
+        Ready-made model; --list shows them.
+    inputs
+        Column of each input, by name (elevator=u_elevator) or in their order.
+    outputs
+        Column of each output, by name (q=y_q) or in their order.
+    known
+        A parameter that is known: R1=1e4, or with its standard deviation R1=1e4+-100.
+    delay
+        Known dead time of the input.
+    list_models
+        Show the ready-made models and their parameters.
     """
     if list_models:
         show_models(as_json)

@@ -11,9 +11,10 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+import typer
 
 from tridentify.cli import options
 from tridentify.cli import stream_options as own
@@ -46,33 +47,77 @@ from tridentify.record.formats.streams.sources import ByteSource, PipeSource, so
 
 
 def stream(
-    inputs: options.Inputs,
-    outputs: options.Outputs,
-    poles: options.Poles,
-    zeros: options.Zeros,
+    inputs: Annotated[list[str], options.record_option("--input", metavar="NAME")],
+    outputs: Annotated[list[str], options.record_option("--output", metavar="NAME")],
+    poles: Annotated[list[str], options.model_option(metavar="N")],
+    zeros: Annotated[list[str], options.model_option(metavar="M")],
     *,
-    source: own.SourceName = "-",
-    time: own.Time = None,
-    dt: own.Step = None,
-    intersample: own.Intersample = "zoh",
-    columns: own.ColumnNames = None,
-    form: own.LineForm = "auto",
-    decimal: own.DecimalSign = ".",
+    source: Annotated[str, typer.Argument(metavar="SOURCE")] = "-",
+    time: Annotated[str | None, options.record_option(metavar="NAME")] = None,
+    dt: Annotated[float | None, options.record_option(metavar="SECONDS")] = None,
+    intersample: Annotated[Literal["zoh", "foh"], options.record_option(metavar="HOW")] = "zoh",
+    columns: Annotated[str | None, options.record_option("--columns", metavar="NAMES")] = None,
+    form: Annotated[
+        Literal["auto", "csv", "json"], options.record_option("--format", metavar="F")
+    ] = "auto",
+    decimal: Annotated[Literal[".", ","], options.record_option("--decimal", metavar="SIGN")] = ".",
     missing: options.Missing = None,
     units: options.Units = None,
-    follow: own.Follow = False,
-    idle: own.Idle = None,
+    follow: Annotated[bool, options.record_option("--follow")] = False,
+    idle: Annotated[float | None, options.record_option(metavar="SECONDS")] = None,
     late: Late,
     along: Along,
     asking: own.Asking,
-    every: own.Every = 1.0,
-    live: own.Live = False,
-    checkpoint: own.Checkpoint = None,
-    resume: own.Resume = False,
+    every: Annotated[float, options.result_option(metavar="SECONDS")] = 1.0,
+    live: Annotated[bool, options.result_option("--live")] = False,
+    checkpoint: Annotated[Path | None, options.result_option(metavar="FILE")] = None,
+    resume: Annotated[bool, options.result_option("--resume")] = False,
 ) -> None:
     """Follow the coefficients of a model while samples arrive, a line of JSON at a time.
 
     Example: tridentify stream flight.csv --input elevator --output q --poles 2 --zeros 1 --every 5
+
+    Parameters
+    ----------
+    inputs
+        Column of an input; may be repeated.
+    outputs
+        Column of an output; may be repeated.
+    poles
+        Degree of the denominator that all channels share; or denominators of their own: once for
+        each output with a number for each input (--poles 2,1).
+    zeros
+        Degree of the numerators: once for all channels, or once for each output in their order
+        (--zeros 1 --zeros 0); with several inputs also a number for each of them (--zeros 1,0).
+    source
+        Where lines come from: - (standard input), a file, or udp://127.0.0.1:PORT (datagrams to
+        this machine from itself; port 0 takes a free one).
+    time
+        Column of time; by default, without --dt, the one called t or time.
+    dt
+        Nominal sampling interval; alone it is the time between lines, with --time the intervals are
+        those of the column. By default it is taken from the first samples.
+    intersample
+        What the input does between samples: zoh (held) or foh. Unlike identify, stream compares no
+        behaviours: pass the one that identify found.
+    columns
+        Names of the columns, such as t,u,y, without a header.
+    form
+        Lines are csv, json, or auto (by the first one).
+    decimal
+        Decimal sign of CSV: . or ,
+    follow
+        Wait for more at the end of the file, also when it is replaced or cut.
+    idle
+        End when nothing has come for so long.
+    every
+        Time of the data between two lines; inf for the last.
+    live
+        Show a table that follows the estimate.
+    checkpoint
+        Keep the state in this file, at every line and the end.
+    resume
+        Go on from the checkpoint; begin anew where there is none.
     """
     check_every(every)
     _check_resumable(checkpoint, resume)

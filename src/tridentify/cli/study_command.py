@@ -25,52 +25,13 @@ TABLE, STATISTICS = "table", "statistics"
 
 
 def study(
-    name: Annotated[
-        str,
-        typer.Argument(
-            metavar="NAME|FILE.toml",
-            help="Which one, or a file that declares one; a wrong name lists them.",
-        ),
-    ],
-    draws: Annotated[
-        int | None,
-        typer.Option(
-            min=1, metavar="N", help="Noise draws; by default 200, or what the file says."
-        ),
-    ] = None,
-    seed: Annotated[
-        int | None,
-        typer.Option(
-            min=0, metavar="N", help="Seed of all draws; by default 0, or what the file says."
-        ),
-    ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            metavar="N",
-            help="Processes; by default as many as processors. The result does not depend on it.",
-        ),
-    ] = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(
-            metavar="URL",
-            help="A Dask scheduler, such as tcp://host:8786, whose workers make the draws of a "
-            "file. The result does not depend on it.",
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="Write the table, the numbers and the pictures there. The draws of a file are "
-            "appended as they are done: a run that was ended goes on from there.",
-        ),
-    ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object instead of the table.")
-    ] = False,
+    name: Annotated[str, typer.Argument(metavar="NAME|FILE.toml")],
+    draws: Annotated[int | None, typer.Option(min=1, metavar="N")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, metavar="N")] = None,
+    workers: Annotated[int | None, typer.Option(min=1, metavar="N")] = None,
+    scheduler: Annotated[str | None, typer.Option(metavar="URL")] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR")] = None,
+    as_json: Annotated[bool, typer.Option("--json")] = False,
 ) -> None:
     """Run a study over many noise draws.
 
@@ -79,6 +40,25 @@ def study(
     Example: tridentify study efficiency.toml --workers 2 --out efficiency
 
     Example: tridentify study efficiency.toml --scheduler tcp://127.0.0.1:8786 --out efficiency
+
+    Parameters
+    ----------
+    name
+        Which one, or a file that declares one; a wrong name lists them.
+    draws
+        Noise draws; by default 200, or what the file says.
+    seed
+        Seed of all draws; by default 0, or what the file says.
+    workers
+        Processes; by default as many as processors. The result does not depend on it.
+    scheduler
+        A Dask scheduler, such as tcp://host:8786, whose workers make the draws of a file. The
+        result does not depend on it.
+    out
+        Write the table, the numbers and the pictures there. The draws of a file are appended as
+        they are done: a run that was ended goes on from there.
+    as_json
+        Print one JSON object instead of the table.
     """
     from tridentify.studies import STUDIES
 

@@ -28,95 +28,71 @@ from tridentify.writing.layout import format_p
 
 NOT_TRUSTED = 1
 
-ModelFile = Annotated[
-    Path,
-    typer.Argument(
-        metavar="MODEL",
-        help="model.json, as identify --out or save writes it, or the folder of identify --out.",
-    ),
-]
-Files = Annotated[
-    list[Path],
-    typer.Argument(
-        metavar="FILE",
-        help="The file that was identified, or another one; several are several experiments.",
-    ),
-]
-Inputs = Annotated[
-    list[str] | None,
-    options.record_option(
-        "--input",
-        metavar="NAME",
-        help="Column of an input, in the order of the model's; by default by the model's names.",
-    ),
-]
-Outputs = Annotated[
-    list[str] | None,
-    options.record_option(
-        "--output",
-        metavar="NAME",
-        help="Column of an output, in the order of the model's; by default by the model's names.",
-    ),
-]
-Held = Annotated[
-    Intersample | None,
-    options.record_option(
-        metavar="HOW",
-        help="What the input does between samples: zoh, foh or band-limited; by default as when "
-        "the model was identified.",
-    ),
-]
-Experiment = Annotated[
-    int | None,
-    options.record_option(
-        metavar="N",
-        help="The file is experiment N of the model (1 is the first): its offset and initial state "
-        "are used. By default they are fitted, unless the files are those that were identified.",
-    ),
-]
-Level = Annotated[
-    float,
-    options.result_option(
-        metavar="P", help="Probability that a right model passes all tests together."
-    ),
-]
-Out = Annotated[
-    Path | None,
-    options.result_option(
-        metavar="DIR", help="Write report.html, validation.json and the pictures into this folder."
-    ),
-]
-Check = Annotated[
-    bool,
-    options.result_option(
-        "--check", help=f"Exit with code {NOT_TRUSTED} if anything serious is found."
-    ),
-]
+
+Held = Annotated[Intersample | None, options.record_option(metavar="HOW")]
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Columns of the channels of a model.
+
+    Attributes
+    ----------
+    inputs
+        Column of an input, in the order of the model's; by default by the model's names.
+    outputs
+        Column of an output, in the order of the model's; by default by the model's names.
+    """
+
+    inputs: Annotated[list[str] | None, options.record_option("--input", metavar="NAME")] = None
+    outputs: Annotated[list[str] | None, options.record_option("--output", metavar="NAME")] = None
 
 
 @dataclass(frozen=True)
 class ReadAsBefore(Reading):
-    """The same, the input as when the model was identified."""
+    """The same, the input as when the model was identified.
+
+    Attributes
+    ----------
+    intersample
+        What the input does between samples: zoh, foh or band-limited; by default as when the model
+        was identified.
+    """
 
     intersample: Held = None  # type: ignore[assignment]
 
 
 def validate(
-    model: ModelFile,
-    files: Files,
+    model: Annotated[Path, typer.Argument(metavar="MODEL")],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE")],
     *,
-    inputs: Inputs = None,
-    outputs: Outputs = None,
+    columns: Columns,
     reading: ReadAsBefore,
-    experiment: Experiment = None,
-    level: Level = 0.99,
-    out: Out = None,
+    experiment: Annotated[int | None, options.record_option(metavar="N")] = None,
+    level: Annotated[float, options.result_option(metavar="P")] = 0.99,
+    out: Annotated[Path | None, options.result_option(metavar="DIR")] = None,
     as_json: options.AsJson = False,
-    check: Check = False,
+    check: Annotated[bool, options.result_option("--check")] = False,
 ) -> None:
     """Test whether a model explains records but for noise, and say what it misses.
 
     Example: tridentify validate result/model.json flight.csv
+
+    Parameters
+    ----------
+    model
+        model.json, as identify --out or save writes it, or the folder of identify --out.
+    files
+        The file that was identified, or another one; several are several experiments.
+    experiment
+        The file is experiment N of the model (1 is the first): its offset and initial state are
+        used. By default they are fitted, unless the files are those that were identified.
+    level
+        Probability that a right model passes all tests together.
+    out
+        Write report.html, validation.json and the pictures into this folder.
+    check
+        Exit with code 1 if anything serious is found.
     """
     from tridentify.judgement.validation import validate as judge
 
@@ -124,8 +100,8 @@ def validate(
     estimate = Estimate.load(model_file(model, order, files))
     source = reading.source(
         files,
-        columns_of("input", inputs, estimate.input_names),
-        columns_of("output", outputs, estimate.output_names),
+        columns_of("input", columns.inputs, estimate.input_names),
+        columns_of("output", columns.outputs, estimate.output_names),
         cast("Intersample", estimate.intersample) if reading.intersample is None else None,
     )
     with at_work(out) as work:
