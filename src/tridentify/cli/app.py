@@ -34,11 +34,7 @@ from tridentify.cli import (
 )
 from tridentify.cli.codes import BAD_INPUT, DONE, FAULT, INTERRUPTED, NO_ANSWER
 from tridentify.cli.groups import with_groups
-from tridentify.errors import (
-    ConvergenceError,
-    IdentifiabilityError,
-    TridentifyError,
-)
+from tridentify.errors import ConvergenceError, IdentifiabilityError, TridentifyError
 from tridentify.writing.views import unseen
 
 EXIT_CODES = (

@@ -19,14 +19,7 @@ from rich.table import Table
 from tridentify.cli import tables
 from tridentify.cli.results import ResultFolder
 from tridentify.cli.run import estimate_model, load_compiled, write_results
-from tridentify.cli.terminal import (
-    Activity,
-    listed,
-    own_command,
-    paragraph,
-    show,
-    show_json,
-)
+from tridentify.cli.terminal import Activity, listed, own_command, paragraph, show, show_json
 from tridentify.cli.work import describe_files
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.record.formats.read import read_record

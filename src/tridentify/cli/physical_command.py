@@ -26,12 +26,7 @@ from tridentify.cli.physical_models import (
 from tridentify.cli.run import load_compiled
 from tridentify.cli.terminal import Activity, listed, paragraph
 from tridentify.cli.work import at_work
-from tridentify.errors import (
-    MissingColumnError,
-    OptionError,
-    UndeterminedError,
-    shown,
-)
+from tridentify.errors import MissingColumnError, OptionError, UndeterminedError, shown
 from tridentify.estimation.answer.parameter import Parameter
 from tridentify.physical import PhysicalEstimate, PhysicalModel, estimate_physical
 from tridentify.record.record import Record

@@ -13,12 +13,7 @@ from typing import Any
 import numpy as np
 
 from tridentify import errors
-from tridentify.errors import (
-    SampleTypeError,
-    TridentifyError,
-    UnreadableFileError,
-    shown,
-)
+from tridentify.errors import SampleTypeError, TridentifyError, UnreadableFileError, shown
 from tridentify.record.formats.assemble import Wanted, record_from
 from tridentify.record.formats.frames import record_from_frame
 from tridentify.record.formats.read import opened
