@@ -14,7 +14,7 @@ from tridentify.cli.tables import describe_findings, describe_records
 from tridentify.cli.terminal import Activity, paragraph
 from tridentify.cli.work import at_work
 from tridentify.record.record import Record
-from tridentify.writing.files import write_atomically
+from tridentify.writing.files import write_json
 
 if TYPE_CHECKING:
     from tridentify.judgement.advice import Advice
@@ -51,13 +51,10 @@ def advise(
 
 
 def _write(found: Advice, folder: Path, activity: Activity) -> None:
-    import json
-
     from tridentify.plots import plot_frequency_response
 
     activity.stage("writing the figure")
-    text = json.dumps(found.to_dict(), indent=1, allow_nan=False)
-    write_atomically(folder / "advice.json", text + "\n")
+    write_json(folder / "advice.json", found.to_dict())
     if found.frequency is not None:
         figure = plot_frequency_response(found.frequency)[0].get_figure(root=True)
         assert figure is not None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Annotated, cast
@@ -22,7 +21,7 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.comparison import Comparison, compare
 from tridentify.record.checks.samples import Intersample
 from tridentify.transfer_function import TransferFunction
-from tridentify.writing.files import write_atomically
+from tridentify.writing.files import write_json
 
 
 def compare_models(
@@ -105,8 +104,7 @@ def _write(found: Comparison, folder: Path, activity: Activity) -> None:
     from tridentify.report.pictures import Drawing, picture_of, save_picture
 
     activity.stage("writing the figure")
-    text = json.dumps(found.to_dict(), indent=1, allow_nan=False)
-    write_atomically(folder / "comparison.json", text + "\n")
+    write_json(folder / "comparison.json", found.to_dict())
     drawing = Drawing("comparison", "Models over records", "", plot_compared(found).figure)
     save_picture(picture_of(drawing), folder)
 

@@ -12,7 +12,7 @@ import typer
 from tridentify.cli import options
 from tridentify.cli.groups import Along, Known, Late, Orders, ReadingMany, Way, asked_structure
 from tridentify.cli.terminal import Activity, plain, show, show_json
-from tridentify.cli.work import describe_files
+from tridentify.cli.work import chosen_workers, describe_files
 from tridentify.errors import IdentifiabilityError, OptionError
 
 if TYPE_CHECKING:
@@ -82,11 +82,7 @@ def fleet(
     from tridentify.fleet import fit
     from tridentify.report import write_fleet_report
 
-    if workers is not None and scheduler is not None:
-        raise OptionError(
-            "found --workers beside --scheduler; expected one of them: the scheduler knows its "
-            "workers; leave one out"
-        )
+    hands = chosen_workers(workers, scheduler)
     sources, drains = tuple(inputs or ("u",)), tuple(outputs or ("y",))
     structure = asked_structure(orders, late, along, known, len(drains), len(sources))
     with Activity() as activity:
@@ -100,7 +96,7 @@ def fleet(
             outputs=drains,
             **reading.options(),
             out=out,
-            workers=scheduler or workers,
+            workers=hands,
             resume=resume,
             judge=judge,
             together=together,

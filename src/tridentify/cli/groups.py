@@ -103,17 +103,9 @@ class ReadingMany:
 
     def options(self) -> dict[str, Any]:
         """As `tridentify.read_record` takes them."""
-        return {
-            "time": self.time,
-            "dt": self.dt,
-            "intersample": self.intersample,
-            "references": tuple(self.references or ()),
-            "reference_intersample": self.reference_intersample,
-            "instants": self.instants,
-            "units": units_from(self.units or ()),
-            "start": self.start,
-            "stop": self.stop,
-        }
+        stated = {one.name: getattr(self, one.name) for one in fields(ReadingMany)}
+        references = tuple(self.references or ())
+        return stated | {"references": references, "units": units_from(self.units or ())}
 
 
 @dataclass(frozen=True)
@@ -276,13 +268,8 @@ class Way:
 
     def chosen(self, loss: str = "squared") -> Method:
         """The method with its options."""
-        return chosen_method(
-            self.method,
-            noise=self.noise,
-            loss=loss,
-            route=self.route,
-            controller=self.controller,
-        )
+        stated = {one.name: getattr(self, one.name) for one in fields(self)}
+        return chosen_method(stated.pop("method"), **stated, loss=loss)
 
 
 @dataclass(frozen=True)

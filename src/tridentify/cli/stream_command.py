@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import signal
 import sys
-import threading
 import time as clock
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
@@ -20,7 +18,7 @@ from tridentify.cli import options
 from tridentify.cli import stream_options as own
 from tridentify.cli.ask import nested_poles, nested_zeros
 from tridentify.cli.groups import Along, Late
-from tridentify.cli.load import rules_from, units_from
+from tridentify.cli.load import check_rules, rules_from, units_from
 from tridentify.cli.stream_checkpoint import (
     Snapshot,
     prove_writable,
@@ -31,15 +29,13 @@ from tridentify.cli.stream_checkpoint import (
 from tridentify.cli.stream_question import StreamQuestion, check_every
 from tridentify.cli.stream_session import Session
 from tridentify.cli.stream_show import LiveView
-from tridentify.cli.terminal import Activity, say, show_json_line
+from tridentify.cli.terminal import Activity, on_signals, say, show_json_line
 from tridentify.errors import (
-    ChannelNameError,
     OptionError,
     OutputPathError,
     UnreadableFileError,
     shown,
 )
-from tridentify.record.checks.names import did_you_mean
 from tridentify.record.formats.streams.datagrams import UdpSource, loopback_address
 from tridentify.record.formats.streams.header import Asked, split_columns
 from tridentify.record.formats.streams.lines import LineCutter
@@ -143,7 +139,7 @@ def stream(
             name=origin.name,
         )
         rules = rules_from(missing or ())
-        _check_rules([rule.channel for rule in rules], outputs)
+        check_rules(rules, outputs)
         question = StreamQuestion(asked, structure, chosen, dt, intersample, rules, every)
         _try_out(question)
         run = _StreamRun(question, origin, checkpoint, idle)
@@ -218,15 +214,6 @@ def _check_resumable(checkpoint: Path | None, resume: bool) -> None:
         )
 
 
-def _check_rules(channels: list[str], outputs: list[str]) -> None:
-    for channel in channels:
-        if channel not in outputs:
-            raise ChannelNameError(
-                f"found --missing for {shown(channel)}; expected an output, one of "
-                f"{', '.join(outputs)}; correct the name{did_you_mean(channel, outputs)}"
-            )
-
-
 class _Stop:
     """Whether the user, or the system, asked to stop."""
 
@@ -236,29 +223,16 @@ class _Stop:
     def __call__(self) -> bool:
         return self.asked
 
-    @contextmanager
-    def on_signals(self) -> Iterator[None]:
+    def ask(self, _number: int, _frame: FrameType | None) -> None:
         """Let the first request end the stream between two samples; the next one at once."""
-        if threading.current_thread() is not threading.main_thread():
-            yield
-            return
+        if self.asked:
+            raise KeyboardInterrupt
+        self.asked = True
 
-        def ask(_number: int, _frame: FrameType | None) -> None:
-            if self.asked:
-                raise KeyboardInterrupt
-            self.asked = True
 
-        names = ("SIGINT", "SIGTERM", "SIGHUP")
-        numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
-        before = {number: signal.getsignal(number) for number in numbers}
-        handled = [number for number in numbers if before[number] is not signal.SIG_IGN]
-        for number in handled:
-            signal.signal(number, ask)
-        try:
-            yield
-        finally:
-            for number in handled:
-                signal.signal(number, before[number])
+def _counts(handler: Any) -> bool:
+    """Whether a signal is not ignored."""
+    return handler is not signal.SIG_IGN
 
 
 @dataclass
@@ -307,7 +281,7 @@ class _StreamRun:
         NotReadyError
             The samples did not determine the coefficients.
         """
-        stack.enter_context(self.stop.on_signals())
+        stack.enter_context(on_signals(("SIGINT", "SIGTERM", "SIGHUP"), self.stop.ask, _counts))
         self.view = stack.enter_context(LiveView(live, self.source.name))
         session = self.session
         self.view.begin(session.state.n_samples if session.state else 0)

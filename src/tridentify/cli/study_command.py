@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tridentify.cli.terminal import Activity, plain, show, show_json
-from tridentify.cli.work import at_work, describe_files
+from tridentify.cli.work import at_work, chosen_workers, describe_files
 from tridentify.errors import OptionError, shown
-from tridentify.writing.files import write_atomically
+from tridentify.writing.files import write_atomically, write_json
 
 if TYPE_CHECKING:
     from tridentify.studies import Study, StudyResult
@@ -62,11 +61,7 @@ def study(
     """
     from tridentify.studies import STUDIES
 
-    if workers is not None and scheduler is not None:
-        raise OptionError(
-            "found --workers beside --scheduler; expected one of them: the scheduler knows its "
-            "workers; leave one out"
-        )
+    hands = chosen_workers(workers, scheduler)
     if name in STUDIES and scheduler is not None:
         raise OptionError(
             f"found --scheduler with {shown(name)}, which is a program and no file; expected it "
@@ -77,7 +72,7 @@ def study(
             STUDIES[name], DRAWS if draws is None else draws, seed or 0, workers, out
         )
     else:
-        result, written = _declared(_file(name), draws, seed, scheduler or workers, out)
+        result, written = _declared(_file(name), draws, seed, hands, out)
     if as_json:
         show_json(plain(result.to_dict()) | {"files": [str(path) for path in written]})
     else:
@@ -125,10 +120,9 @@ def _declared(
 
 
 def _write(result: StudyResult, folder: Path, text: str, document: str) -> tuple[Path, ...]:
-    numbers = json.dumps(plain(result.to_dict()), indent=1, allow_nan=False)
     return (
         write_atomically(folder / f"{text}.txt", result.table() + "\n"),
-        write_atomically(folder / f"{document}.json", numbers + "\n"),
+        write_json(folder / f"{document}.json", plain(result.to_dict())),
     )
 
 

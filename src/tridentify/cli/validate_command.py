@@ -23,7 +23,7 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.validation import Validation
 from tridentify.record.checks.samples import Intersample
 from tridentify.record.record import Record
-from tridentify.writing.files import write_atomically
+from tridentify.writing.files import write_json
 from tridentify.writing.layout import format_p
 
 NOT_TRUSTED = 1
@@ -193,13 +193,10 @@ def _write(
     folder: Path,
     activity: Activity,
 ) -> None:
-    import json
-
     from tridentify.report import write_validation_report
 
     activity.stage("writing the report and the figures")
-    text = json.dumps(found.to_dict(), indent=1, allow_nan=False)
-    write_atomically(folder / "validation.json", text + "\n")
+    write_json(folder / "validation.json", found.to_dict())
     page = folder / "report.html"
     write_validation_report(estimate, found, records, page, experiment=which, figures=folder)
 

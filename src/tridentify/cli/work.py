@@ -12,6 +12,7 @@ from rich.table import Table
 
 from tridentify.cli.results import ResultFolder
 from tridentify.cli.terminal import Activity, paragraph, show, show_json
+from tridentify.errors import OptionError
 
 
 @dataclass
@@ -57,6 +58,22 @@ def at_work(out: Path | None) -> Iterator[Work]:
     with ExitStack() as stack:
         results = None if out is None else stack.enter_context(ResultFolder(out))
         yield Work(stack.enter_context(Activity()), results)
+
+
+def chosen_workers(workers: int | None, scheduler: str | None) -> int | str | None:
+    """Who does the work: so many processes, or the workers of a scheduler.
+
+    Raises
+    ------
+    OptionError
+        Both are named.
+    """
+    if workers is not None and scheduler is not None:
+        raise OptionError(
+            "found --workers beside --scheduler; expected one of them: the scheduler knows its "
+            "workers; leave one out"
+        )
+    return scheduler or workers
 
 
 def describe_files(written: Iterable[Path]) -> list[str]:

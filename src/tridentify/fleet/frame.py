@@ -26,8 +26,6 @@ from tridentify.record.formats.assemble import Wanted
 from tridentify.structure import AutoStructure, Structure
 from tridentify.writing.views import pandas_frame
 
-__all__ = ["arrow_schema", "ddl", "fit_frame"]
-
 WHOLE = "__unit__"
 """Column that marks a frame as one unit, for as long as it is worked on."""
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -19,8 +19,6 @@ from tridentify.record.formats.frames import record_from_frame
 from tridentify.record.formats.read import opened
 from tridentify.record.record import Record
 from tridentify.writing.layout import printable
-
-__all__ = ["File", "FrameRows", "Given", "Rows", "Unusable"]
 
 MOST_HASHED = 1 << 26
 """Bytes of an unreadable file that its fingerprint is made of; of a larger one the first of them
@@ -126,11 +124,7 @@ class FrameRows:
     """
 
     content: bytes = field(repr=False)
-
-    @property
-    def label(self) -> str:
-        """Nothing: it is no file."""
-        return ""
+    label: ClassVar[str] = ""
 
     def records(self, wanted: Wanted) -> tuple[Record, ...]:
         """The rows as a record.
@@ -159,11 +153,7 @@ class Given:
     """
 
     given: tuple[Record, ...] = field(repr=False)
-
-    @property
-    def label(self) -> str:
-        """Nothing: it is no file."""
-        return ""
+    label: ClassVar[str] = ""
 
     def records(self, wanted: Wanted) -> tuple[Record, ...]:
         """They."""

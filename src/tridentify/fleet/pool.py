@@ -38,8 +38,6 @@ from tridentify.fleet.local import Piece
 from tridentify.numerics.arrays import Array
 from tridentify.writing.layout import format_table
 
-__all__ = ["FALSE_ALARMS", "Pool", "pooled"]
-
 FALSE_ALARMS = 0.002
 """Share of sound units that are said to deviate: two in a thousand, well below the 0.5 % at which a
 list of them is read no more."""

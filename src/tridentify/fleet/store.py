@@ -23,8 +23,6 @@ from tridentify.fleet.rows import schema, to_frame
 from tridentify.writing.files import outdated, write_atomically
 from tridentify.writing.lock import lock
 
-__all__ = ["Store", "write_part"]
-
 MANIFEST = "manifest.json"
 PARTS = "parts"
 DAMAGED = ".damaged"

@@ -19,8 +19,6 @@ from typing import Any, TypeVar
 from tridentify.errors import TridentifyError
 from tridentify.fleet.workers.engines import Engine
 
-__all__ = ["Batches", "Lost", "dispatch"]
-
 Item = TypeVar("Item")
 
 LEAST_SECONDS = 1.0
