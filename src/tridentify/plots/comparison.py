@@ -211,26 +211,12 @@ def _draw(ax: Axes, y: Array, centre: Array, half: Array, k: int, label: str, re
     colour, marker = cycle_colour(k), MARKERS[k % len(MARKERS)]
     low, high = centre - half[:, 0], centre + half[:, 1]
     known = np.isfinite(low) & np.isfinite(high)
-    ax.hlines(
-        y[known],
-        np.maximum(low[known], -2 * reach),
-        np.minimum(high[known], 2 * reach),
-        color=colour,
-        linewidth=1.8,
-        alpha=0.8,
-    )
-    ax.plot(
-        centre, y, linestyle="none", marker=marker, markersize=5, color=colour, label=literal(label)
-    )
+    ends = np.maximum(low[known], -2 * reach), np.minimum(high[known], 2 * reach)
+    ax.hlines(y[known], *ends, color=colour, linewidth=1.8, alpha=0.8)
+    ax.plot(centre, y, marker, markersize=5, color=colour, label=literal(label))
     for side, beyond in ((-1.0, low < -reach), (1.0, high > reach)):
-        ax.plot(
-            np.full(int(beyond.sum()), side * 0.985 * reach),
-            y[beyond],
-            linestyle="none",
-            marker="<" if side < 0 else ">",
-            markersize=5,
-            color=colour,
-        )
+        at = np.full(int(beyond.sum()), side * 0.985 * reach)
+        ax.plot(at, y[beyond], "<" if side < 0 else ">", markersize=5, color=colour)
 
 
 def _row(name: str, value: float, size: float, relative: bool) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -138,16 +138,8 @@ def draw_output(
     draw_recorded(ax, record.t, record.y[:, output], inked)
     draw_response(ax, record.t, response, (style.ORANGE, "-", "model"), inked)
     if far.size:
-        ax.plot(
-            record.t[far],
-            record.y[far, output],
-            color=style.BLUE,
-            linestyle="none",
-            marker="o",
-            markersize=4.5,
-            markerfacecolor="none",
-            label="outlier",
-        )
+        how: dict[str, Any] = {"color": style.BLUE, "markersize": 4.5, "markerfacecolor": "none"}
+        ax.plot(record.t[far], record.y[far, output], "o", label="outlier", **how)
     style.dress(ax, ylabel=style.labelled(record.output_names[output], record.units))
 
 

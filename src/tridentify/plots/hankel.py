@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -76,16 +76,12 @@ def plot_hankel(
     ):
         if which.any():
             ax.vlines(numbers[which], 0.5 * low, values[which], color=BLUE, linewidth=1.0)
-            ax.plot(
-                numbers[which],
-                values[which],
-                linestyle="none",
-                marker="o",
-                markersize=5.5,
-                markerfacecolor=face,
-                markeredgecolor=BLUE,
-                label=label,
-            )
+            how: dict[str, Any] = {
+                "markersize": 5.5,
+                "markerfacecolor": face,
+                "markeredgecolor": BLUE,
+            }
+            ax.plot(numbers[which], values[which], "o", label=label, **how)
     every = max(1, numbers.size // 12)
     ax.set_xticks(numbers[::every])
     ax.set_xlim(0.4, numbers.size + 0.6)

@@ -18,7 +18,7 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 from tridentify.transfer_function import TransferFunction
-from tridentify.writing.layout import IN_PICTURES, short
+from tridentify.writing.layout import IN_PICTURES, short, unit_ratio
 from tridentify.writing.views import are_unseen
 
 if TYPE_CHECKING:
@@ -291,6 +291,21 @@ def labelled(name: str, units: Mapping[str, str]) -> str:
     """
     unit = in_brackets(units.get(name, ""))
     return literal(short(name, IN_PICTURES) + unit)
+
+
+def channel_unit(model: Shown, output: int, input_: int, power: int = 0) -> str:
+    """Unit of a response over that of its input, over seconds to a power; or empty."""
+    names = model.output_names[output], model.input_names[input_]
+    if not all(name in model.units for name in names):
+        return ""
+    return unit_ratio(model.units[names[0]], model.units[names[1]], power)
+
+
+def scientific(ax: Axes) -> None:
+    """Numbers at both axes with a common power of ten where they are large or small."""
+    ax.ticklabel_format(axis="both", style="sci", scilimits=(-3, 4), useOffset=False)
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.get_offset_text().set_fontsize(8)
 
 
 def in_brackets(unit: str) -> str:
