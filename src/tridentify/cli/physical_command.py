@@ -27,10 +27,8 @@ from tridentify.cli.run import load_compiled
 from tridentify.cli.terminal import Activity, listed, paragraph
 from tridentify.cli.work import at_work
 from tridentify.errors import MissingColumnError, OptionError, UndeterminedError, shown
-from tridentify.estimation.answer.parameter import Parameter
 from tridentify.physical import PhysicalEstimate, PhysicalModel, estimate_physical
 from tridentify.record.record import Record
-from tridentify.writing.layout import format_std, format_value
 
 TITLES = ("parameter", "value", "std error", "95 % from", "to", "unit")
 
@@ -197,7 +195,7 @@ def _account(
     renamed = [f"{ours} is {theirs}" for ours, theirs in named.items() if ours != theirs]
     text = f"{found.model_name}{': ' if renamed else ''}{listed(renamed)}"
     groups = [
-        [_row(item, found) for item in group]
+        [tables.parameter_row(item, "known" if item.name in found.known else "") for item in group]
         for group in (found.parameters.values(), found.combinations)
         if group
     ]
@@ -217,15 +215,6 @@ def _account(
         tables.make_table(("output", "fit [%]", "of free coefficients [%]"), [fits]),
         *notes,
     ]
-
-
-def _row(item: Parameter, found: PhysicalEstimate) -> tuple[str, ...]:
-    if not np.isfinite(item.value):
-        return item.name, "not determined", "", "", "", item.unit
-    certain = not item.std > 0
-    ends = ["", ""] if certain else [format_value(end, item.std) for end in item.interval()]
-    std = format_std(item.std) or ("known" if item.name in found.known else "")
-    return item.name, format_value(item.value, item.std), std, *ends, item.unit
 
 
 def physical_document(

@@ -415,17 +415,9 @@ class Session:
         if estimate is None:
             flags |= online.Flag.NOT_READY
         self._flags = 0
-        at = {
-            "number": self.place.emitted + 1,
-            "time": self.place.time,
-            "elapsed": self.place.elapsed,
-            "lines": self.place.line,
-            "malformed": self.place.malformed,
-        }
+        at = replace(self.place)
         here = (self.place.line, self.state.n_samples)
         self.repeats, self._told = here == self._told, here
         # whoever goes on puts a line of this number in the place of the last one
         self.place.emitted += not final
-        if self.place.dropped is not None:
-            at["dropped"] = self.place.dropped
         return line_of(self.state, estimate, str(self.refused or ""), flags, at, final)
