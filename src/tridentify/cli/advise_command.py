@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 
 from tridentify.cli import options
 from tridentify.cli.groups import Measured, Reading
-from tridentify.cli.load import load
-from tridentify.cli.run import load_compiled
 from tridentify.cli.tables import describe_findings, describe_records
 from tridentify.cli.terminal import Activity, paragraph
 from tridentify.cli.work import at_work
@@ -41,12 +39,10 @@ def advise(
     inputs, outputs = measured.columns()
     source = reading.source(measured.files, inputs, outputs)
     with at_work(out) as work:
-        activity = work.activity
-        records = load(source, activity)
-        load_compiled(activity)
-        activity.stage("looking at the record")
+        records = work.records(source)
+        work.activity.stage("looking at the record")
         found = look_at(records)
-        work.publish(lambda folder: _write(found, folder, activity))
+        work.publish(lambda folder: _write(found, folder, work.activity))
     work.answer(as_json, found.to_dict, lambda: _blocks(found, records))
 
 

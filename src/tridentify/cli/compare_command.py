@@ -9,8 +9,6 @@ from typing import Annotated, cast
 import typer
 
 from tridentify.cli import options
-from tridentify.cli.load import load
-from tridentify.cli.run import load_compiled
 from tridentify.cli.stored_models import MODEL, in_folder
 from tridentify.cli.tables import describe_records
 from tridentify.cli.terminal import Activity
@@ -54,12 +52,10 @@ def compare_models(
         _between(models.values()) if reading.intersample is None else None,
     )
     with at_work(out) as work:
-        activity = work.activity
-        records = [renamed(record, *channels) for record in load(source, activity)]
-        load_compiled(activity)
-        activity.stage("simulating the models")
+        records = [renamed(record, *channels) for record in work.records(source)]
+        work.activity.stage("simulating the models")
         found = compare(models, records)
-        work.publish(lambda folder: _write(found, folder, activity))
+        work.publish(lambda folder: _write(found, folder, work.activity))
     work.answer(as_json, found.to_dict, lambda: [describe_records(records), found.summary()])
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from tridentify.cli import options
 from tridentify.cli.groups import Measured, Reading
@@ -12,7 +12,6 @@ from tridentify.cli.run import load_compiled
 from tridentify.cli.tables import describe_records
 from tridentify.cli.terminal import Activity, paragraph, show, show_json
 from tridentify.errors import OptionError
-from tridentify.record.record import Record
 
 if TYPE_CHECKING:
     from tridentify.judgement.advice import Manoeuvre
@@ -53,13 +52,11 @@ def manoeuvres(
         activity.stage("looking for manoeuvres")
         found = [find_manoeuvres(record, gap) for record in records]
     if as_json:
-        show_json({"records": [_document(*one) for one in zip(records, found, strict=True)]})
+        pairs = zip(records, found, strict=True)
+        rows = [{"name": r.name, "manoeuvres": [one._asdict() for one in own]} for r, own in pairs]
+        show_json({"records": rows})
     else:
         show(describe_records(records), *map(_listed, found))
-
-
-def _document(record: Record, found: Sequence[Manoeuvre]) -> dict[str, Any]:
-    return {"name": record.name, "manoeuvres": [one._asdict() for one in found]}
 
 
 def _listed(found: Sequence[Manoeuvre]) -> str:

@@ -14,7 +14,7 @@ from rich.table import Table
 from tridentify.cli import options, tables
 from tridentify.cli.ask import nested_delays
 from tridentify.cli.groups import Along, Reading
-from tridentify.cli.load import RecordSource, load
+from tridentify.cli.load import RecordSource
 from tridentify.cli.physical_models import (
     Known,
     channels_of,
@@ -23,7 +23,6 @@ from tridentify.cli.physical_models import (
     known_parameters,
     show_models,
 )
-from tridentify.cli.run import load_compiled
 from tridentify.cli.terminal import Activity, listed, paragraph
 from tridentify.cli.work import at_work
 from tridentify.errors import MissingColumnError, OptionError, UndeterminedError, shown
@@ -117,23 +116,16 @@ def _answer(
     """Read, estimate, write, print."""
     with at_work(out) as work:
         activity = work.activity
-        records = load(source, activity)
-        load_compiled(activity)
+        records = work.records(source)
         named = _names_in(records[0], channels)
         check_units(records, named)
         found = estimate_physical(
             model, records, known=known, channels=named, progress=activity.stage
         )
         _refuse_silence(found)
-        work.publish(
-            lambda folder: _write(
-                found,
-                [record.select(*_order(model, named)) for record in records],
-                folder,
-                activity,
-                title,
-            )
-        )
+        order = [[named[n] for n in names] for names in (model.input_names, model.output_names)]
+        ordered = [record.select(*order) for record in records]
+        work.publish(lambda folder: _write(found, ordered, folder, activity, title))
     work.answer(
         as_json,
         lambda: physical_document(found, records, named),
@@ -172,10 +164,6 @@ def _names_in(record: Record, channels: Mapping[str, str]) -> dict[str, str]:
             )
         named[ours] = fits[0]
     return named
-
-
-def _order(model: PhysicalModel, named: Mapping[str, str]) -> tuple[list[str], list[str]]:
-    return [named[n] for n in model.input_names], [named[n] for n in model.output_names]
 
 
 def _refuse_silence(found: PhysicalEstimate) -> None:

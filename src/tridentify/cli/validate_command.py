@@ -12,8 +12,6 @@ from rich.table import Table
 
 from tridentify.cli import options
 from tridentify.cli.groups import Reading
-from tridentify.cli.load import load
-from tridentify.cli.run import load_compiled
 from tridentify.cli.stored_models import model_file
 from tridentify.cli.tables import describe_findings, describe_records, make_table
 from tridentify.cli.terminal import Activity, paragraph
@@ -106,11 +104,8 @@ def validate(
     )
     with at_work(out) as work:
         activity = work.activity
-        records = [
-            renamed(record, estimate.input_names, estimate.output_names)
-            for record in load(source, activity)
-        ]
-        load_compiled(activity)
+        channels = estimate.input_names, estimate.output_names
+        records = [renamed(record, *channels) for record in work.records(source)]
         activity.stage("testing the residual")
         which = _experiment(estimate, records, experiment)
         found = judge(estimate, records, experiment=which, level=level)
@@ -148,9 +143,8 @@ def renamed(record: Record, inputs: Sequence[str], outputs: Sequence[str]) -> Re
         return record
     kept = [*zip(old, new, strict=True), *((r, r) for r in record.reference_names)]
     units = {b: record.units[a] for a, b in kept if a in record.units}
-    sampling = {"t": record.t} if record.dt is None else {"dt": record.dt}
-    if record.dt is not None and record.t[0]:
-        sampling = {"t": record.t}
+    by_step = record.dt is not None and not record.t[0]
+    sampling = {"dt": record.dt} if by_step else {"t": record.t}
     return Record(
         record.u,
         record.y,

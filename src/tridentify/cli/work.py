@@ -10,9 +10,12 @@ from typing import Any
 
 from rich.table import Table
 
+from tridentify.cli.load import RecordSource, load
 from tridentify.cli.results import ResultFolder
+from tridentify.cli.run import load_compiled
 from tridentify.cli.terminal import Activity, paragraph, show, show_json
 from tridentify.errors import OptionError
+from tridentify.record.record import Record
 
 
 @dataclass
@@ -32,6 +35,12 @@ class Work:
     activity: Activity
     results: ResultFolder | None
     written: tuple[Path, ...] = ()
+
+    def records(self, source: RecordSource) -> list[Record]:
+        """Read the records, and load what is compiled."""
+        found = load(source, self.activity)
+        load_compiled(self.activity)
+        return found
 
     def publish(self, write: Callable[[Path], object]) -> None:
         """Write results into a folder that appears when it is complete, if one was asked for."""

@@ -69,7 +69,8 @@ def plot_fleet(run: Run, *, axes: Sequence[Axes] | None = None) -> style.Panels:
 def _draw(ax: Axes, name: str, values: Array, keys: Sequence[str], run: Run, number: int) -> None:
     low, high = np.quantile(values, [TAIL, 1.0 - TAIL])
     margin = 0.05 * (high - low) or 0.05 * abs(low) or 1.0
-    edges = np.linspace(low - margin, high + margin, _bins(values.size) + 1)
+    bins = int(min(max(np.sqrt(values.size), 8), MOST_BINS))
+    edges = np.linspace(low - margin, high + margin, bins + 1)
     inside = np.clip(values, edges[0], edges[-1])
     counts, _ = np.histogram(inside, edges)
     ax.stairs(counts, edges, fill=True, color=style.BLUE, alpha=0.55, label="own estimates")
@@ -90,10 +91,6 @@ def _draw(ax: Axes, name: str, values: Array, keys: Sequence[str], run: Run, num
     style.dress(ax, title=style.literal(name), ylabel="units")
     if number == 0:
         style.legend(ax, columns=4)
-
-
-def _bins(count: int) -> int:
-    return int(min(max(np.sqrt(count), 8), MOST_BINS))
 
 
 def _density(at: Array, centre: float, spread: float, logarithmic: bool) -> Array:

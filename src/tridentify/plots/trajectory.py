@@ -56,7 +56,7 @@ def plot_trajectory(
     if not hasattr(run, "flags"):
         style.checked(run, Run, "plot_trajectory(online.run(method, record, structure))")
     known = _known(run, truth or {})
-    flagged = _flagged(run)
+    flagged = [flag for flag in Flag if any(flag in at for at in run.flags)]
     heights = [1.3] * len(run.names) + [0.45 + 0.17 * max(len(flagged), 1)]
     drawn = style.make_axes(axes, heights, sharex=True)
     units = dict(zip(run.names, run.units, strict=False))
@@ -129,11 +129,6 @@ def _limits(theta: Array, half: Array, truth: Array | None) -> tuple[float, floa
         low, high = min(low, float(np.min(truth))), max(high, float(np.max(truth)))
     air = TRAJECTORY_AIR * (high - low) or 0.05 * abs(high) or 1.0
     return low - air, high + air
-
-
-def _flagged(run: Run) -> list[Flag]:
-    """The kinds of flags that occurred, in the order of their definition."""
-    return [flag for flag in Flag if any(flag in at for at in run.flags)]
 
 
 def _draw_flags(ax: Axes, run: Run, flagged: Sequence[Flag]) -> None:

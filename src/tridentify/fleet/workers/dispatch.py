@@ -50,10 +50,6 @@ GONE = (
 )
 
 
-def _alike(item: Any) -> Hashable:
-    return None
-
-
 @dataclass
 class Batches:
     """Which items make up the next batch.
@@ -66,7 +62,7 @@ class Batches:
         Kind -> seconds an item, measured.
     """
 
-    kind: Callable[[Any], Hashable] = _alike
+    kind: Callable[[Any], Hashable] = lambda _: None
     rates: dict[Hashable, float] = field(default_factory=dict)
     _began: float = field(default_factory=time.monotonic)
 
