@@ -17,7 +17,15 @@ from tridentify.numerics.arrays import Array
 from tridentify.plots.bode import default_frequencies, draw_magnitudes
 from tridentify.plots.lines import Line, lines_of, named_first
 from tridentify.plots.over_time import wrapped
-from tridentify.plots.style import BLACK, Panels, cycle_colour, dress, literal, make_axes
+from tridentify.plots.style import (
+    BLACK,
+    Panels,
+    cycle_colour,
+    dress,
+    literal,
+    make_axes,
+    place_above,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -230,13 +238,4 @@ def _legend(ax: Axes, labels: Sequence[str]) -> None:
     """Above the axes, in as many columns as fit."""
     longest = max(len(label) for label in labels)
     columns = max(1, min(len(labels), NARROW // (longest + 6)))
-    ax.legend(
-        loc="lower left",
-        bbox_to_anchor=(0.0, 1.0),
-        ncols=columns,
-        fontsize=9,
-        frameon=False,
-        borderaxespad=0.1,
-        handlelength=1.2,
-        columnspacing=1.2,
-    )
+    place_above(ax, "lower left", columns, handlelength=1.2)

@@ -88,12 +88,9 @@ def plot_hankel(
     ax.minorticks_off()
     count = hankel.order
     several = "value" if count == 1 else "values"
-    dress(
-        ax,
-        title=f"{count} {several} above the noise",
-        xlabel=f"number\nparallel model: {hankel.operators}",
-        ylabel="Hankel singular value,\ninput over noise [-]",
-    )
+    ylabel = "Hankel singular value,\ninput over noise [-]"
+    dress(ax, xlabel=f"number\nparallel model: {hankel.operators}", ylabel=ylabel)
+    dress(ax, title=f"{count} {several} above the noise")
     # the values fall from the left, so the upper right is free
     ax.legend(fontsize=8, loc="upper right", framealpha=0.9, edgecolor="none")
     return drawn

@@ -175,17 +175,10 @@ class Reply:
     power: int
 
 
-def courses_of(
-    models: Models,
-    names: Sequence[str] | None,
-    t: npt.ArrayLike | None,
-    level: float,
-    reply: Reply,
-    axes: Sequence[Axes] | Axes | None,
+def _courses(
+    lines: Sequence[Line], t: npt.ArrayLike | None, level: float, reply: Reply
 ) -> tuple[Array, list[Course]]:
     """Times and responses of every model, by default until all have settled."""
-    example = f"{reply.name}(estimate) or {reply.name}([one, other])"
-    lines = lines_of(models, names, example, axes)
     checked_level(level)
     if t is not None:
         given = numbers("t", t, f"{reply.name}([one, other], t)")
@@ -239,10 +232,11 @@ def plot_replies(
     level: float,
     reply: Reply,
     axes: Sequence[Axes] | Axes | None,
-) -> tuple[Panels, list[Line]]:
+) -> tuple[Panels, tuple[Line, ...]]:
     """The picture of one kind of reply but for its legend and what is particular to it."""
-    times, courses = courses_of(models, names, t, level, reply, axes)
-    lines = [course.line for course in courses]
+    example = f"{reply.name}(estimate) or {reply.name}([one, other])"
+    lines = lines_of(models, names, example, axes)
+    times, courses = _courses(lines, t, level, reply)
     channels = lines[0].model.n_outputs * lines[0].model.n_inputs
     drawn = make_axes(axes, [2.1] * channels)
     draw_courses(drawn, times, courses, level, reply.power)

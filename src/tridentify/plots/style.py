@@ -8,7 +8,7 @@ import os
 import textwrap
 import threading
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 
 Kind = TypeVar("Kind")
+Corner = Literal["lower left", "lower right"]
 
 # Okabe and Ito's palette: told apart with every common kind of colour vision.
 BLUE, ORANGE, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
@@ -219,7 +220,7 @@ def _stacked(ax: Axes, label: str) -> str:
 
 def legend(ax: Axes, *, columns: int = 3) -> None:
     """Legend above the axes on the right, where it covers no data; a long title moves up."""
-    handles, labels = ax.get_legend_handles_labels()
+    labels = ax.get_legend_handles_labels()[1]
     if labels:
         title = ax.get_title(loc="left")
         shown = sum(len(label) for label in labels[:columns]) + HANDLE * min(len(labels), columns)
@@ -228,18 +229,18 @@ def legend(ax: Axes, *, columns: int = 3) -> None:
         longest = max(len(line) for line in title.split("\n"))
         if longest and longest + shown > PER_INCH * width:
             ax.set_title(title, loc="left", fontsize=10, pad=6.0 + 13.0 * lines)
-        ax.legend(
-            handles,
-            labels,
-            loc="lower right",
-            bbox_to_anchor=(1.0, 1.0),
-            ncols=columns,
-            fontsize=9,
-            frameon=False,
-            borderaxespad=0.1,
-            handlelength=1.6,
-            columnspacing=1.2,
-        )
+        place_above(ax, "lower right", columns, handlelength=1.6)
+
+
+def place_above(ax: Axes, corner: Corner, columns: int, *, handlelength: float) -> None:
+    """The legend without a frame above the axes, ending or beginning with them."""
+    at = (1.0, 1.0) if corner == "lower right" else (0.0, 1.0)
+    spaces: dict[str, Any] = {
+        "borderaxespad": 0.1,
+        "handlelength": handlelength,
+        "columnspacing": 1.2,
+    }
+    ax.legend(loc=corner, bbox_to_anchor=at, ncols=columns, fontsize=9, frameon=False, **spaces)
 
 
 def legend_columns(ax: Axes) -> int:
