@@ -77,10 +77,17 @@ def _thin(record: Record, y: Array, pixels: int, t0: float) -> tuple[Array, Arra
     return t, np.column_stack([drawn.minimum, drawn.maximum]).ravel()
 
 
-def _joined(parts: Sequence[Array]) -> Array:
-    """Experiments one after the other, with a gap that is not drawn."""
+def _drawn(
+    records: Sequence[Record], values: Sequence[Array], pixels: int, t0: float
+) -> list[list[float | None]]:
+    """Times and values of experiments one after the other, with a gap that is not drawn."""
+    parts = [_thin(record, y, pixels, t0) for record, y in zip(records, values, strict=True)]
     gap = np.array([np.nan])
-    return np.concatenate([piece for part in parts for piece in (part, gap)][:-1])
+    joined = (
+        [piece for part in column for piece in (part, gap)][:-1]
+        for column in zip(*parts, strict=True)
+    )
+    return [listed(np.concatenate(pieces)) for pieces in joined]
 
 
 def fit(estimate: Estimate, records: Sequence[Record], pixels: int, t0: float) -> dict[str, Any]:
@@ -88,25 +95,11 @@ def fit(estimate: Estimate, records: Sequence[Record], pixels: int, t0: float) -
     found = compare([estimate], list(records))
     outputs = []
     for i, name in enumerate(estimate.output_names):
-        times, measured, model = [], [], []
-        for record, response in zip(records, found.responses[0], strict=True):
-            t, seen = _thin(record, record.y[:, i], pixels, t0)
-            followed = _thin(record, np.asarray(response)[:, i], pixels, t0)[1]
-            times.append(t)
-            measured.append(seen)
-            model.append(followed)
-        time, values, answer = _joined(times), _joined(measured), _joined(model)
-        outputs.append(
-            {
-                "name": name,
-                "unit": records[0].units.get(name, ""),
-                "time": listed(time),
-                "measured": listed(values),
-                "model": listed(answer),
-                "low": None,
-                "high": None,
-            }
-        )
+        own = [np.asarray(response)[:, i] for response in found.responses[0]]
+        measured = _drawn(records, [record.y[:, i] for record in records], pixels, t0)
+        parts = {"measured": measured[1], "model": _drawn(records, own, pixels, t0)[1]}
+        head = {"name": name, "unit": records[0].units.get(name, ""), "time": measured[0]}
+        outputs.append({**head, **parts, "low": None, "high": None})
     return {"outputs": outputs}
 
 
@@ -124,17 +117,13 @@ def residual(
     stretch = "" if judged == all_of_them else f"the first {judged:,} samples"
     outputs = []
     for i, name in enumerate(found.output_names):
-        times, values = [], []
-        for record, left in zip(records, found.residual, strict=True):
-            t, one = _thin(record, left[:, i], pixels, t0)
-            times.append(t)
-            values.append(one)
-        time, joined = _joined(times), _joined(values)
+        left = [one[:, i] for one in found.residual]
+        time, values = _drawn(records, left, pixels, t0)
         outputs.append(
             {
                 "name": name,
-                "time": listed(time),
-                "residual": listed(joined),
+                "time": time,
+                "residual": values,
                 **_correlations(found, i),
                 "stretch": stretch,
                 "tests": [

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar
@@ -222,19 +222,10 @@ def columns_of(wanted: Wanted) -> tuple[str, ...] | None:
 
 def record_of_frame(frame: Any, wanted: Wanted) -> Record:
     """One experiment from a frame."""
-    return record_from_frame(
-        frame,
-        time=wanted.time,
-        dt=wanted.dt,
-        inputs=wanted.inputs,
-        outputs=wanted.outputs,
-        references=wanted.references,
-        intersample=wanted.intersample,
-        reference_intersample=wanted.reference_intersample,
-        units=wanted.units,
-        start=wanted.start,
-        stop=wanted.stop,
-    )
+    # a frame has one clock
+    asked = {one.name: getattr(wanted, one.name) for one in fields(wanted)}
+    del asked["instants"]
+    return record_from_frame(frame, **asked)
 
 
 def rows_of(path: str, columns: tuple[str, ...] | None, start: int, count: int) -> Any:

@@ -268,12 +268,5 @@ def _mark(ax: Axes, at: Array, marker: str, colour: str, label: str) -> None:
 
 def _legend(ax: Axes) -> None:
     """Below the axes, where it covers nothing."""
-    ax.legend(
-        loc="upper center",
-        bbox_to_anchor=(0.5, -0.16),
-        ncols=2,
-        fontsize=8,
-        frameon=False,
-        borderaxespad=0.2,
-        columnspacing=1.2,
-    )
+    below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16)}
+    ax.legend(ncols=2, fontsize=8, frameon=False, borderaxespad=0.2, columnspacing=1.2, **below)

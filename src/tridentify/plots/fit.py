@@ -164,14 +164,9 @@ def _turns(values: Array) -> int:
 
 def draw_recorded(ax: Axes, t: Array, y: Array, inked: bool) -> None:
     """Samples of an output as dots, or as a pale broad line where they are ink."""
-    ax.plot(
-        *style.course(t, y),
-        color=PALE if inked else style.GREY,
-        linewidth=WIDE if inked else 0.7,
-        marker="" if inked else ".",
-        markersize=3.5,
-        label="recorded",
-    )
+    colour, width, marker = (PALE, WIDE, "") if inked else (style.GREY, 0.7, ".")
+    look: dict[str, Any] = {"color": colour, "linewidth": width, "marker": marker}
+    ax.plot(*style.course(t, y), markersize=3.5, label="recorded", **look)
 
 
 def draw_response(ax: Axes, t: Array, y: Array, how: tuple[str, str, str], inked: bool) -> None:

@@ -138,17 +138,10 @@ def _draw_printed(ax: Axes, group: Sequence[Condition], k: int) -> None:
         points = PRINTED.get(name, {})
         ratios = [condition.ratio for condition in group if condition.ratio in points]
         if ratios:
-            ax.plot(
-                ratios,
-                [points[ratio][k] / TRUTH[k] for ratio in ratios],
-                linestyle="",
-                marker=MARKERS[j],
-                markersize=8,
-                markerfacecolor="none",
-                markeredgecolor=COLOURS[j],
-                markeredgewidth=1.4,
-                label=f"{name}: printed in the paper",
-            )
+            own = [points[ratio][k] / TRUTH[k] for ratio in ratios]
+            look: dict[str, Any] = {"markersize": 8, "markerfacecolor": "none"}
+            look |= {"markeredgecolor": COLOURS[j], "markeredgewidth": 1.4}
+            ax.plot(ratios, own, MARKERS[j], label=f"{name}: printed in the paper", **look)
 
 
 def _draw_legend(ax: Axes) -> None:
@@ -161,11 +154,6 @@ def _draw_legend(ax: Axes) -> None:
     if isinstance(figure, Figure):
         # the place outside exists only where a layout engine makes room for it
         arranged = figure.get_layout_engine() is not None
-        figure.legend(
-            [handles[i] for i in order],
-            [labels[i] for i in order],
-            loc="outside upper center" if arranged else "upper center",
-            ncols=2,
-            fontsize=9,
-            frameon=False,
-        )
+        place: Any = "outside upper center" if arranged else "upper center"
+        sorted_ = [[each[i] for i in order] for each in (handles, labels)]
+        figure.legend(*sorted_, loc=place, ncols=2, fontsize=9, frameon=False)

@@ -342,21 +342,13 @@ def sampled_impulse_band(
 def _quantities(
     rows: list[tuple[str, float, str]], values: Array, level: float, kind: Kind
 ) -> tuple[SampledQuantity, ...]:
-    low, high = intervals(values, np.array([row[1] for row in rows]), level, kind)
+    ends = intervals(values, np.array([row[1] for row in rows]), level, kind)
     (middle,) = quantiles(values, np.full((1, len(rows)), 0.5))
     below, above = intervals(values, 0.0, ONE_SIGMA)
+    numbers = np.stack([*ends, middle, 0.5 * (above - below)], axis=1).tolist()
     return tuple(
-        SampledQuantity(
-            name,
-            float(value),
-            float(low[k]),
-            float(high[k]),
-            float(middle[k]),
-            0.5 * float(above[k] - below[k]),
-            unit,
-            level,
-        )
-        for k, (name, value, unit) in enumerate(rows)
+        SampledQuantity(name, float(value), low, high, median, spread, unit, level)
+        for (name, value, unit), (low, high, median, spread) in zip(rows, numbers, strict=True)
     )
 
 
