@@ -8,7 +8,7 @@ import shlex
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Annotated, Any
@@ -260,15 +260,7 @@ def _document(
 ) -> dict[str, Any]:
     def entry(fitted: Fitted) -> dict[str, Any]:
         rows = [
-            {
-                "name": row.name,
-                "value": row.value,
-                "std": row.std,
-                "truth": row.truth,
-                "error_percent": row.percent,
-                "error_in_std": row.in_std,
-                "unit": row.unit,
-            }
+            asdict(row) | {"error_percent": row.percent, "error_in_std": row.in_std}
             for row in fitted.rows
         ]
         return {"comparison": rows, **tables.estimate_document(fitted.estimate, [fitted.record])}
