@@ -209,21 +209,13 @@ class Bench(Records):
     def change_model(self, name: str, changes: Mapping[str, Any]) -> Card:
         """Rename a model, or tick it."""
         card = {**self.model(name), **changes}
-
-        def put(state: State) -> None:
-            state["models"] = [card if one["id"] == name else one for one in state["models"]]
-
-        self._changed(put, quietly="name" not in changes)
+        self._put("models", name, [card], quietly="name" not in changes)
         return shown_of(card)
 
     def drop_model(self, name: str) -> None:
         """Take a model out of the session."""
         self.model(name)
-
-        def drop(state: State) -> None:
-            state["models"] = [one for one in state["models"] if one["id"] != name]
-
-        self._changed(drop)
+        self._put("models", name, [])
 
     def export(self, name: str, kind: str) -> tuple[str, str, bytes]:
         """A file of a model: name, media type, bytes."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import copy
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -119,6 +119,16 @@ class Desk:
         self.session.move(by)
         self._described.clear()
         return self.document()
+
+    def _put(self, kind: str, name: str, cards: Sequence[Card], quietly: bool = False) -> None:
+        """In place of the card of a name others, or none."""
+
+        def put(state: State) -> None:
+            state[kind] = [
+                new for one in state[kind] for new in (cards if one["id"] == name else [one])
+            ]
+
+        self._changed(put, quietly)
 
     def _changed(self, change: Callable[[State], None], quietly: bool = False) -> None:
         with self._change:

@@ -50,6 +50,17 @@ LONGEST_TESTED = 20_000
 """Samples that are tested while one waits: a second."""
 
 
+def _pairs(
+    outputs: Sequence[str], inputs: Sequence[str], numbers: Callable[[int, int], dict[str, Any]]
+) -> list[dict[str, Any]]:
+    """A document for every output and input, with their names."""
+    return [
+        {"output": output, "input": source, **numbers(i, j)}
+        for i, output in enumerate(outputs)
+        for j, source in enumerate(inputs)
+    ]
+
+
 def mean_fits(found: Comparison) -> Array:
     """(n_models, n_outputs) fits, over all records."""
     return np.asarray(np.mean(found.fits, axis=1))
@@ -66,10 +77,17 @@ def _thin(record: Record, y: Array, pixels: int, t0: float) -> tuple[Array, Arra
     return t, np.column_stack([drawn.minimum, drawn.maximum]).ravel()
 
 
-def _joined(parts: Sequence[Array]) -> Array:
-    """Experiments one after the other, with a gap that is not drawn."""
+def _drawn(
+    records: Sequence[Record], values: Sequence[Array], pixels: int, t0: float
+) -> list[list[float | None]]:
+    """Times and values of experiments one after the other, with a gap that is not drawn."""
+    parts = [_thin(record, y, pixels, t0) for record, y in zip(records, values, strict=True)]
     gap = np.array([np.nan])
-    return np.concatenate([piece for part in parts for piece in (part, gap)][:-1])
+    joined = (
+        [piece for part in column for piece in (part, gap)][:-1]
+        for column in zip(*parts, strict=True)
+    )
+    return [listed(np.concatenate(pieces)) for pieces in joined]
 
 
 def fit(estimate: Estimate, records: Sequence[Record], pixels: int, t0: float) -> dict[str, Any]:
@@ -77,25 +95,11 @@ def fit(estimate: Estimate, records: Sequence[Record], pixels: int, t0: float) -
     found = compare([estimate], list(records))
     outputs = []
     for i, name in enumerate(estimate.output_names):
-        times, measured, model = [], [], []
-        for record, response in zip(records, found.responses[0], strict=True):
-            t, seen = _thin(record, record.y[:, i], pixels, t0)
-            followed = _thin(record, np.asarray(response)[:, i], pixels, t0)[1]
-            times.append(t)
-            measured.append(seen)
-            model.append(followed)
-        time, values, answer = _joined(times), _joined(measured), _joined(model)
-        outputs.append(
-            {
-                "name": name,
-                "unit": records[0].units.get(name, ""),
-                "time": listed(time),
-                "measured": listed(values),
-                "model": listed(answer),
-                "low": None,
-                "high": None,
-            }
-        )
+        own = [np.asarray(response)[:, i] for response in found.responses[0]]
+        measured = _drawn(records, [record.y[:, i] for record in records], pixels, t0)
+        parts = {"measured": measured[1], "model": _drawn(records, own, pixels, t0)[1]}
+        head = {"name": name, "unit": records[0].units.get(name, ""), "time": measured[0]}
+        outputs.append({**head, **parts, "low": None, "high": None})
     return {"outputs": outputs}
 
 
@@ -113,25 +117,17 @@ def residual(
     stretch = "" if judged == all_of_them else f"the first {judged:,} samples"
     outputs = []
     for i, name in enumerate(found.output_names):
-        times, values = [], []
-        for record, left in zip(records, found.residual, strict=True):
-            t, one = _thin(record, left[:, i], pixels, t0)
-            times.append(t)
-            values.append(one)
-        time, joined = _joined(times), _joined(values)
+        left = [one[:, i] for one in found.residual]
+        time, values = _drawn(records, left, pixels, t0)
         outputs.append(
             {
                 "name": name,
-                "time": listed(time),
-                "residual": listed(joined),
+                "time": time,
+                "residual": values,
                 **_correlations(found, i),
                 "stretch": stretch,
                 "tests": [
-                    {
-                        "name": test.name,
-                        "passed": not test.rejected,
-                        "text": _told(test),
-                    }
+                    {"name": test.name, "passed": not test.rejected, "text": _told(test)}
                     for test in found.tests
                     if test.output == name
                 ],
@@ -192,27 +188,22 @@ def bode(estimate: Estimate, records: Sequence[Record], pixels: int, t0: float) 
         seen: FrequencyResponse | None = frequency_response(_stretches(records))
     except TridentifyError:
         seen = None
-    found = []
-    for i, output in enumerate(estimate.output_names):
-        for j, name in enumerate(estimate.input_names):
-            phase = band.phase[:, i, j]
-            turn = _turn(float(phase[0]))
-            own = None if seen is None else _measured(seen, i, j, phase + turn, omega)
-            found.append(
-                {
-                    "output": output,
-                    "input": name,
-                    "frequency": listed(omega),
-                    "magnitude_db": _decibels(band.magnitude[:, i, j]),
-                    "magnitude_low": _decibels(band.magnitude_low[:, i, j]),
-                    "magnitude_high": _decibels(band.magnitude_high[:, i, j]),
-                    "phase_deg": listed(np.degrees(phase + turn)),
-                    "phase_low": listed(np.degrees(band.phase_low[:, i, j] + turn)),
-                    "phase_high": listed(np.degrees(band.phase_high[:, i, j] + turn)),
-                    "measured": own,
-                }
-            )
-    return {"pairs": found}
+
+    def numbers(i: int, j: int) -> dict[str, Any]:
+        phase = band.phase[:, i, j]
+        turn = _turn(float(phase[0]))
+        return {
+            "frequency": listed(omega),
+            "magnitude_db": _decibels(band.magnitude[:, i, j]),
+            "magnitude_low": _decibels(band.magnitude_low[:, i, j]),
+            "magnitude_high": _decibels(band.magnitude_high[:, i, j]),
+            "phase_deg": listed(np.degrees(phase + turn)),
+            "phase_low": listed(np.degrees(band.phase_low[:, i, j] + turn)),
+            "phase_high": listed(np.degrees(band.phase_high[:, i, j] + turn)),
+            "measured": None if seen is None else _measured(seen, i, j, phase + turn, omega),
+        }
+
+    return {"pairs": _pairs(estimate.output_names, estimate.input_names, numbers)}
 
 
 def _turn(first: float) -> float:
@@ -262,18 +253,17 @@ def _measured(
 
 def measured(seen: FrequencyResponse) -> list[dict[str, Any]]:
     """The measured response of every pair, without a model."""
-    return [
-        {
-            "output": output,
-            "input": name,
+
+    def numbers(i: int, j: int) -> dict[str, Any]:
+        response = seen.response[:, i, j]
+        return {
             "frequency": listed(seen.omega),
-            "magnitude_db": _decibels(np.abs(seen.response[:, i, j])),
-            "phase_deg": listed(np.degrees(np.unwrap(np.angle(seen.response[:, i, j])))),
+            "magnitude_db": _decibels(np.abs(response)),
+            "phase_deg": listed(np.degrees(np.unwrap(np.angle(response)))),
             "coherence": listed(seen.coherence[:, i, j]),
         }
-        for i, output in enumerate(seen.output_names)
-        for j, name in enumerate(seen.input_names)
-    ]
+
+    return _pairs(seen.output_names, seen.input_names, numbers)
 
 
 def step(estimate: Estimate, records: Sequence[Record], pixels: int, t0: float) -> dict[str, Any]:
@@ -284,36 +274,24 @@ def step(estimate: Estimate, records: Sequence[Record], pixels: int, t0: float) 
     end = min(SETTLED / float(decay.min()), longest) if decay.size else longest
     t = np.linspace(0.0, end, INSTANTS)
     band = step_band(estimate, t, LEVEL)
-    return {
-        "pairs": [
-            {
-                "output": output,
-                "input": name,
-                "time": listed(t),
-                "value": listed(band.response[:, i, j]),
-                "low": listed(band.low[:, i, j]),
-                "high": listed(band.high[:, i, j]),
-            }
-            for i, output in enumerate(estimate.output_names)
-            for j, name in enumerate(estimate.input_names)
-        ]
-    }
+
+    def numbers(i: int, j: int) -> dict[str, Any]:
+        parts = {"value": band.response, "low": band.low, "high": band.high}
+        return {"time": listed(t), **{key: listed(one[:, i, j]) for key, one in parts.items()}}
+
+    return {"pairs": _pairs(estimate.output_names, estimate.input_names, numbers)}
 
 
 def poles_and_zeros(
     estimate: Estimate, records: Sequence[Record], pixels: int, t0: float
 ) -> dict[str, Any]:
     """Places in the complex plane."""
-    pairs = [
-        {"output": output, "input": name, "zeros": _zeros(estimate, i, j)}
-        for i, output in enumerate(estimate.output_names)
-        for j, name in enumerate(estimate.input_names)
-    ]
-    return {
-        "poles": _roots(poles(estimate).roots),
-        "zeros": pairs[0]["zeros"],
-        "pairs": pairs,
-    }
+
+    def numbers(i: int, j: int) -> dict[str, Any]:
+        return {"zeros": _zeros(estimate, i, j)}
+
+    pairs = _pairs(estimate.output_names, estimate.input_names, numbers)
+    return {"poles": _roots(poles(estimate).roots), "zeros": pairs[0]["zeros"], "pairs": pairs}
 
 
 def _zeros(estimate: Estimate, i: int, j: int) -> list[dict[str, Any]]:
@@ -326,18 +304,15 @@ def _zeros(estimate: Estimate, i: int, j: int) -> list[dict[str, Any]]:
 
 
 def _roots(found: Any) -> list[dict[str, Any]]:
-    rows = []
-    for root in np.asarray(found):
-        size = float(abs(root))
-        rows.append(
-            {
-                "re": number(float(root.real)),
-                "im": number(float(root.imag)),
-                "frequency": number(size),
-                "damping": number(-float(root.real) / size) if size > 0.0 else None,
-            }
-        )
-    return rows
+    return [
+        {
+            "re": number(root.real),
+            "im": number(root.imag),
+            "frequency": number(abs(root)),
+            "damping": number(-root.real / abs(root)) if root else None,
+        }
+        for root in np.asarray(found, dtype=complex).tolist()
+    ]
 
 
 Picture = Callable[[Estimate, Sequence[Record], int, float], dict[str, Any]]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -59,14 +60,9 @@ def listed(values: ArrayLike) -> list[float | None]:
 
 def finding(one: Finding) -> dict[str, Any]:
     """A finding as the page takes it."""
-    return {
-        "code": one.code,
-        "severity": one.severity,
-        "message": one.message,
-        "remedy": one.remedy,
+    return asdict(one) | {
         "advice": in_words_of_the_page(one.remedy),
         "outputs": list(one.outputs),
-        "experiment": one.experiment,
         "times": [number(t) for t in one.times],
         "effect": one.effect or None,
     }

@@ -93,11 +93,7 @@ class Records(Desk):
         """
         record = {**self.record(name), **news}
         check(record)
-
-        def put(state: State) -> None:
-            state["records"] = [record if one["id"] == name else one for one in state["records"]]
-
-        self._changed(put, quietly=set(news) == {"changed_file"})
+        self._put("records", name, [record], quietly=set(news) == {"changed_file"})
         if {"inputs", "outputs", "references", "bad", "intersample"} & set(news):
             self._warm(record)
         return self.card(record)
@@ -105,11 +101,7 @@ class Records(Desk):
     def drop_record(self, name: str) -> None:
         """Take a record out of the session; its models stay."""
         self.record(name)
-
-        def drop(state: State) -> None:
-            state["records"] = [one for one in state["records"] if one["id"] != name]
-
-        self._changed(drop)
+        self._put("records", name, [])
 
     def look_again(self, *names: str) -> None:
         """Read anew what was changed on disk since it was read: all records, or those named."""

@@ -108,10 +108,7 @@ class Session:
 
     def estimate(self, model: str) -> dict[str, Any] | None:
         """The estimate of a model."""
-        with self._lock:
-            row = self._base.execute(
-                "select document from estimates where id = ?", (model,)
-            ).fetchone()
+        row = self._one("select document from estimates where id = ?", model)
         return None if row is None else json.loads(row[0])
 
     # ----------------------------------------------------------------------------- what changes
@@ -181,9 +178,14 @@ class Session:
             self._base.close()
 
     # -------------------------------------------------------------------------------- the tables
+    def _one(self, question: str, *values: object) -> Any:
+        """The first row that answers, or None."""
+        with self._lock:
+            return self._base.execute(question, values).fetchone()
+
     def _fact(self, name: str, default: str) -> str:
         with self._lock:
-            row = self._base.execute("select value from facts where name = ?", (name,)).fetchone()
+            row = self._one("select value from facts where name = ?", name)
             if row is None:
                 self._set(name, default)
                 return default
@@ -195,24 +197,15 @@ class Session:
     def _has(self, position: int) -> bool:
         if position == 0:
             return self._lowest() <= 1
-        with self._lock:
-            row = self._base.execute(
-                "select 1 from snapshots where position = ?", (position,)
-            ).fetchone()
-        return row is not None
+        return self._one("select 1 from snapshots where position = ?", position) is not None
 
     def _lowest(self) -> int:
-        with self._lock:
-            row = self._base.execute("select min(position) from snapshots").fetchone()
-        return int(row[0] or 1)
+        return int(self._one("select min(position) from snapshots")[0] or 1)
 
     def _read(self, position: int) -> State:
         if position <= 0:
             return nothing()
-        with self._lock:
-            row = self._base.execute(
-                "select document from snapshots where position = ?", (position,)
-            ).fetchone()
+        row = self._one("select document from snapshots where position = ?", position)
         if row is None:
             return nothing()
         try:

@@ -236,7 +236,7 @@ def model(
 ) -> dict[str, Any]:
     """All that is shown of a model but its pictures."""
     chosen = checked(options)
-    estimate = _estimate(document)
+    estimate = Estimate.from_document(document)
     try:
         record = sources.whole(source, between(card, chosen))
     except DataError:
@@ -244,21 +244,18 @@ def model(
     return described(estimate, record, card, chosen)
 
 
-def _estimate(document: Mapping[str, Any]) -> Estimate:
-    return Estimate.from_document(document)
+def _for(estimate: Estimate, card: Card) -> Card:
+    """A record with the channels of a model."""
+    roles = {"inputs": list(estimate.input_names), "outputs": list(estimate.output_names)}
+    return {**card, **roles}
 
 
 def panel(
     say: Say, source: Source, card: Card, kind: str, document: Mapping[str, Any], pixels: int
 ) -> dict[str, Any]:
     """One picture of a model on a record."""
-    estimate = _estimate(document)
-    roles = {
-        "inputs": list(estimate.input_names),
-        "outputs": list(estimate.output_names),
-        "references": card["references"],
-    }
-    record = sources.whole(source, {**card, **roles})
+    estimate = Estimate.from_document(document)
+    record = sources.whole(source, _for(estimate, card))
     records = sources.pieces(record, card, "identify")
     return panels.PANELS[kind](estimate, records, pixels, card["t0"])
 
@@ -268,17 +265,12 @@ def compared(
     names: Sequence[str],
 ) -> dict[str, Any]:  # fmt: skip
     """Models on one record, offset, drift and state refitted."""
-    estimates = [_estimate(document) for document in documents]
-    roles = {
-        "inputs": list(estimates[0].input_names),
-        "outputs": list(estimates[0].output_names),
-        "references": card["references"],
-    }
-    record = sources.whole(source, {**card, **roles})
+    estimates = [Estimate.from_document(document) for document in documents]
+    record = sources.whole(source, _for(estimates[0], card))
     part = sources.pieces(record, card, "validate") or sources.pieces(record, card, "identify")
     found = compare(estimates, part, names=list(names))
     return {
-        "inputs": roles["inputs"],
+        "inputs": list(estimates[0].input_names),
         "outputs": list(found.output_names),
         "fits": [[number(fit) for fit in row] for row in panels.mean_fits(found)],
         "summary": _summary(found, names, _stretches(card)),
@@ -309,7 +301,7 @@ def export(
     kind: str, name: str,
 ) -> tuple[str, str, bytes]:  # fmt: skip
     """A file of a model: its name, its media type, its bytes."""
-    estimate = _estimate(document)
+    estimate = Estimate.from_document(document)
     records = None
     if kind in ("report", "figure"):
         record = sources.whole(source, between(card, checked(options)))

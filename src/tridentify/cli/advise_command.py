@@ -7,61 +7,50 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from tridentify.cli import options
-from tridentify.cli.groups import Reading
-from tridentify.cli.load import asked_channels, load
-from tridentify.cli.run import load_compiled
+from tridentify.cli.groups import Measured, Reading
 from tridentify.cli.tables import describe_findings, describe_records
 from tridentify.cli.terminal import Activity, paragraph
 from tridentify.cli.work import at_work
 from tridentify.record.record import Record
-from tridentify.writing.files import write_atomically
+from tridentify.writing.files import write_json
 
 if TYPE_CHECKING:
     from tridentify.judgement.advice import Advice
 
-Out = Annotated[
-    Path | None,
-    options.result_option(
-        metavar="DIR", help="Write advice.json and frequency-response.svg into this folder."
-    ),
-]
-
 
 def advise(
-    files: options.Files,
-    inputs: options.NamedInputs = None,
-    outputs: options.NamedOutputs = None,
+    measured: Measured,
     *,
     reading: Reading,
-    out: Out = None,
+    out: Annotated[Path | None, options.result_option(metavar="DIR")] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Say what a record can tell before anything is fitted: excited band, delay, bad samples.
 
     Example: tridentify advise flight.csv --input elevator --output q
+
+    Parameters
+    ----------
+    out
+        Write advice.json and frequency-response.svg into this folder.
     """
     from tridentify.judgement.advice import advise as look_at
 
-    inputs, outputs = asked_channels(files, inputs, outputs)
-    source = reading.source(files, inputs, outputs)
+    inputs, outputs = measured.columns()
+    source = reading.source(measured.files, inputs, outputs)
     with at_work(out) as work:
-        activity = work.activity
-        records = load(source, activity)
-        load_compiled(activity)
-        activity.stage("looking at the record")
+        records = work.records(source)
+        work.activity.stage("looking at the record")
         found = look_at(records)
-        work.publish(lambda folder: _write(found, folder, activity))
+        work.publish(lambda folder: _write(found, folder, work.activity))
     work.answer(as_json, found.to_dict, lambda: _blocks(found, records))
 
 
 def _write(found: Advice, folder: Path, activity: Activity) -> None:
-    import json
-
     from tridentify.plots import plot_frequency_response
 
     activity.stage("writing the figure")
-    text = json.dumps(found.to_dict(), indent=1, allow_nan=False)
-    write_atomically(folder / "advice.json", text + "\n")
+    write_json(folder / "advice.json", found.to_dict())
     if found.frequency is not None:
         figure = plot_frequency_response(found.frequency)[0].get_figure(root=True)
         assert figure is not None

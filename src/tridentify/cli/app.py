@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import signal
-import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from functools import cache
 from types import FrameType
 from typing import Annotated, Any
@@ -34,11 +32,7 @@ from tridentify.cli import (
 )
 from tridentify.cli.codes import BAD_INPUT, DONE, FAULT, INTERRUPTED, NO_ANSWER
 from tridentify.cli.groups import with_groups
-from tridentify.errors import (
-    ConvergenceError,
-    IdentifiabilityError,
-    TridentifyError,
-)
+from tridentify.errors import ConvergenceError, IdentifiabilityError, TridentifyError
 from tridentify.writing.views import unseen
 
 EXIT_CODES = (
@@ -126,7 +120,8 @@ def run(arguments: Sequence[str]) -> int:
     debug = "--debug" in options
     if debug:
         given.remove("--debug")
-    with terminal.patient_streams(), _termination_as_interrupt(), unseen():
+    termination = terminal.on_signals(("SIGTERM", "SIGHUP"), _interrupt, _kills)
+    with terminal.patient_streams(), termination, unseen():
         try:
             terminal.check_output()
             code = _command().main(given, prog_name=terminal.PROGRAM, standalone_mode=False)
@@ -181,25 +176,11 @@ def _explain(error: BaseException) -> int:
     return FAULT
 
 
-@contextmanager
-def _termination_as_interrupt() -> Iterator[None]:
+def _interrupt(_number: int, _frame: FrameType | None) -> None:
     """Let a polite request to end, as `timeout` or a closing terminal sends, tidy up as Ctrl-C."""
+    raise KeyboardInterrupt
 
-    def interrupt(_number: int, _frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
 
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    names = ("SIGTERM", "SIGHUP")
-    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
-    before = {number: signal.getsignal(number) for number in numbers}
-    # a signal that is ignored, as under nohup, stays ignored
-    handled = [number for number in numbers if before[number] is signal.SIG_DFL]
-    for number in handled:
-        signal.signal(number, interrupt)
-    try:
-        yield
-    finally:
-        for number in handled:
-            signal.signal(number, signal.SIG_DFL)
+def _kills(handler: Any) -> bool:
+    """Whether a signal is at its default: one that is ignored, as under nohup, stays ignored."""
+    return handler is signal.SIG_DFL

@@ -32,19 +32,21 @@ TITLES = ("channel", "unit", "lowest", "highest", "mean", "missing", "taken for"
 
 
 def channels(
-    file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FILE", help="CSV, Excel, Parquet, Feather, NPZ, MATLAB, ULog or MDF4."
-        ),
-    ],
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+    file: Annotated[Path, typer.Argument(metavar="FILE")],
+    as_json: Annotated[bool, typer.Option("--json")] = False,
 ) -> None:
     """List the channels of a file: time and its steps, units, ranges, means, missing samples.
 
     What each is taken for is a guess by its name and by how it moves; --input and --output decide.
 
     Example: tridentify channels flight.ulg
+
+    Parameters
+    ----------
+    file
+        CSV, Excel, Parquet, Feather, NPZ, MATLAB, ULog or MDF4.
+    as_json
+        Print JSON instead of a table.
     """
     with Activity() as activity:
         activity.stage(f"reading {file.name or file}")

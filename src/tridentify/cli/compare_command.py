@@ -2,82 +2,60 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, cast
 
 import typer
 
 from tridentify.cli import options
-from tridentify.cli.groups import Reading
-from tridentify.cli.load import load
-from tridentify.cli.run import load_compiled
 from tridentify.cli.stored_models import MODEL, in_folder
 from tridentify.cli.tables import describe_records
 from tridentify.cli.terminal import Activity
-from tridentify.cli.validate_command import Held, Inputs, Outputs, columns_of, renamed
+from tridentify.cli.validate_command import Columns, ReadAsBefore, columns_of, renamed
 from tridentify.cli.work import at_work
 from tridentify.errors import OptionError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.comparison import Comparison, compare
 from tridentify.record.checks.samples import Intersample
 from tridentify.transfer_function import TransferFunction
-from tridentify.writing.files import write_atomically
-
-Files = Annotated[
-    list[Path],
-    typer.Argument(
-        metavar="MODEL... FILE...",
-        help="Models: model.json, or the folder of identify --out. Files: records, several are "
-        "several experiments.",
-    ),
-]
-Out = Annotated[
-    Path | None,
-    options.result_option(
-        metavar="DIR", help="Write comparison.json and comparison.svg into this folder."
-    ),
-]
-
-
-@dataclass(frozen=True)
-class ReadAsEach(Reading):
-    """The same, the input as when each of the models was identified."""
-
-    intersample: Held = None  # type: ignore[assignment]
+from tridentify.writing.files import write_json
 
 
 def compare_models(
-    files: Files,
+    files: Annotated[list[Path], typer.Argument(metavar="MODEL... FILE...")],
     *,
-    inputs: Inputs = None,
-    outputs: Outputs = None,
-    reading: ReadAsEach,
-    out: Out = None,
+    columns: Columns,
+    reading: ReadAsBefore,
+    out: Annotated[Path | None, options.result_option(metavar="DIR")] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Simulate models on records, with offset and initial state fitted to each record.
 
     Example: tridentify compare two/model.json three/model.json flight_2.csv --out compared
+
+    Parameters
+    ----------
+    files
+        Models: model.json, or the folder of identify --out. Files: records, several are several
+        experiments.
+    out
+        Write comparison.json and comparison.svg into this folder.
     """
     places, tables = _told_apart(files)
     models = _models(places)
-    columns = [_columns(models.values(), kind) for kind in ("input", "output")]
+    channels = [_columns(models.values(), kind) for kind in ("input", "output")]
     source = reading.source(
         tables,
-        columns_of("input", inputs, columns[0], "models"),
-        columns_of("output", outputs, columns[1], "models"),
+        columns_of("input", columns.inputs, channels[0], "models"),
+        columns_of("output", columns.outputs, channels[1], "models"),
         _between(models.values()) if reading.intersample is None else None,
     )
     with at_work(out) as work:
-        activity = work.activity
-        records = [renamed(record, *columns) for record in load(source, activity)]
-        load_compiled(activity)
-        activity.stage("simulating the models")
+        records = [renamed(record, *channels) for record in work.records(source)]
+        work.activity.stage("simulating the models")
         found = compare(models, records)
-        work.publish(lambda folder: _write(found, folder, activity))
+        work.publish(lambda folder: _write(found, folder, work.activity))
     work.answer(as_json, found.to_dict, lambda: [describe_records(records), found.summary()])
 
 
@@ -122,8 +100,7 @@ def _write(found: Comparison, folder: Path, activity: Activity) -> None:
     from tridentify.report.pictures import Drawing, picture_of, save_picture
 
     activity.stage("writing the figure")
-    text = json.dumps(found.to_dict(), indent=1, allow_nan=False)
-    write_atomically(folder / "comparison.json", text + "\n")
+    write_json(folder / "comparison.json", found.to_dict())
     drawing = Drawing("comparison", "Models over records", "", plot_compared(found).figure)
     save_picture(picture_of(drawing), folder)
 

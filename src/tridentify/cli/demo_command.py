@@ -8,7 +8,7 @@ import shlex
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Annotated, Any
@@ -19,14 +19,7 @@ from rich.table import Table
 from tridentify.cli import tables
 from tridentify.cli.results import ResultFolder
 from tridentify.cli.run import estimate_model, load_compiled, write_results
-from tridentify.cli.terminal import (
-    Activity,
-    listed,
-    own_command,
-    paragraph,
-    show,
-    show_json,
-)
+from tridentify.cli.terminal import Activity, listed, own_command, paragraph, show, show_json
 from tridentify.cli.work import describe_files
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.record.formats.read import read_record
@@ -78,17 +71,20 @@ class Fitted:
 
 
 def demo(
-    out: Annotated[
-        Path, typer.Option(metavar="DIR", help="Folder for the report, the figures and the record.")
-    ] = Path("tridentify-demo"),
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object instead of tables.")
-    ] = False,
+    out: Annotated[Path, typer.Option(metavar="DIR")] = Path("tridentify-demo"),
+    as_json: Annotated[bool, typer.Option("--json")] = False,
 ) -> None:
     """Identify the aircraft record that ships with the package and compare with the truth.
 
     The record is ten simulated seconds of an A-4 whose elevator makes a 3-2-1-1. Angle of attack
     and pitch rate carry sensor noise; the engine that flew it states the true coefficients.
+
+    Parameters
+    ----------
+    out
+        Folder for the report, the figures and the record.
+    as_json
+        Print one JSON object instead of tables.
     """
     with ExitStack() as stack:
         results = stack.enter_context(ResultFolder(out))
@@ -264,15 +260,7 @@ def _document(
 ) -> dict[str, Any]:
     def entry(fitted: Fitted) -> dict[str, Any]:
         rows = [
-            {
-                "name": row.name,
-                "value": row.value,
-                "std": row.std,
-                "truth": row.truth,
-                "error_percent": row.percent,
-                "error_in_std": row.in_std,
-                "unit": row.unit,
-            }
+            asdict(row) | {"error_percent": row.percent, "error_in_std": row.in_std}
             for row in fitted.rows
         ]
         return {"comparison": rows, **tables.estimate_document(fitted.estimate, [fitted.record])}

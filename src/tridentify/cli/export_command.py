@@ -14,43 +14,38 @@ from tridentify.errors import OptionError, shown
 
 
 def export(
-    model: Annotated[
-        Path, typer.Argument(metavar="MODEL", help="model.json, or the folder of identify --out.")
-    ],
-    file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FILE",
-            help="What to write: .mat or .m (MATLAB, Octave), .h (a filter in C99), .py "
-            "(python-control), .csv (coefficients with their errors), .json.",
-        ),
-    ],
-    dt: Annotated[
-        float | None,
-        typer.Option(metavar="SECONDS", help="Sampling interval of the filter; .h only."),
-    ] = None,
-    method: Annotated[
-        Literal["zoh", "tustin"] | None,
-        typer.Option(help="Of discretisation; zoh is exact for a held input; .h only."),
-    ] = None,
-    prewarp: Annotated[
-        float | None,
-        typer.Option(metavar="RAD/S", help="Where tustin is exact; .h only."),
-    ] = None,
-    number: Annotated[
-        Literal["double", "float"] | None, typer.Option(help="Numbers in the C code; .h only.")
-    ] = None,
-    name: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="What names in the C code begin with; .h only."),
-    ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object instead of text.")
-    ] = False,
+    model: Annotated[Path, typer.Argument(metavar="MODEL")],
+    file: Annotated[Path, typer.Argument(metavar="FILE")],
+    dt: Annotated[float | None, typer.Option(metavar="SECONDS")] = None,
+    method: Annotated[Literal["zoh", "tustin"] | None, typer.Option()] = None,
+    prewarp: Annotated[float | None, typer.Option(metavar="RAD/S")] = None,
+    number: Annotated[Literal["double", "float"] | None, typer.Option()] = None,
+    name: Annotated[str | None, typer.Option(metavar="NAME")] = None,
+    as_json: Annotated[bool, typer.Option("--json")] = False,
 ) -> None:
     """Write a model that was identified for other programs.
 
     Example: tridentify export result/model.json short_period.h --dt 0.01
+
+    Parameters
+    ----------
+    model
+        model.json, or the folder of identify --out.
+    file
+        What to write: .mat or .m (MATLAB, Octave), .h (a filter in C99), .py (python-control), .csv
+        (coefficients with their errors), .json.
+    dt
+        Sampling interval of the filter; .h only.
+    method
+        Of discretisation; zoh is exact for a held input; .h only.
+    prewarp
+        Where tustin is exact; .h only.
+    number
+        Numbers in the C code; .h only.
+    name
+        What names in the C code begin with; .h only.
+    as_json
+        Print one JSON object instead of text.
     """
     from tridentify.export import read_json
 

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from tridentify.cli import options
-from tridentify.cli.groups import Along, Known, Late, ReadingMany, Way, asked_structure
+from tridentify.cli.groups import Along, Known, Late, Orders, ReadingMany, Way, asked_structure
 from tridentify.cli.terminal import Activity, plain, show, show_json
-from tridentify.cli.work import describe_files
+from tridentify.cli.work import chosen_workers, describe_files
 from tridentify.errors import IdentifiabilityError, OptionError
 
 if TYPE_CHECKING:
@@ -20,124 +20,71 @@ if TYPE_CHECKING:
 
 work_option = partial(typer.Option, rich_help_panel="The work")
 
-Files = Annotated[
-    list[str],
-    typer.Argument(
-        metavar="PATTERN...",
-        help="Files, one a unit: a pattern such as 'logs/**/*.parquet' in quotation marks, or "
-        "several files; with --key a Parquet file or a folder of them.",
-    ),
-]
-Inputs = Annotated[
-    list[str] | None,
-    options.record_option(
-        "--input", metavar="NAME", help="Column of an input; may be repeated. By default u."
-    ),
-]
-Outputs = Annotated[
-    list[str] | None,
-    options.record_option(
-        "--output", metavar="NAME", help="Column of an output; may be repeated. By default y."
-    ),
-]
-Key = Annotated[
-    str | None,
-    options.record_option(
-        metavar="NAME", help="Column that tells the units apart, where a file holds many of them."
-    ),
-]
-Out = Annotated[
-    Path,
-    options.result_option(
-        metavar="DIR", help="Folder of the rows; a run that was ended goes on from what is there."
-    ),
-]
-Count = Annotated[
-    int | None,
-    work_option("--workers", min=1, metavar="N", help="Processes of this machine; by default 1."),
-]
-Scheduler = Annotated[
-    str | None,
-    work_option(metavar="URL", help="A Dask scheduler, such as tcp://host:8786; its workers."),
-]
-Resume = Annotated[
-    bool,
-    work_option(
-        "--resume/--no-resume", help="Keep the rows that are there, or remove them and begin anew."
-    ),
-]
-Seconds = Annotated[
-    float,
-    work_option(min=0.01, metavar="SECONDS", help="What one record may take, reading included."),
-]
-Judge = Annotated[
-    bool,
-    work_option(
-        "--judge/--no-judge",
-        help="Look for findings (cautions), which takes about as long as the estimate.",
-    ),
-]
-Together = Annotated[
-    bool, options.result_option("--together", help="Also one model for all records at once.")
-]
-Pool = Annotated[
-    bool,
-    options.result_option(
-        "--pool",
-        help="Also the population that the units come from, every unit in its light, and the "
-        "units that deviate.",
-    ),
-]
-Reports = Annotated[
-    int,
-    options.result_option(
-        min=0,
-        metavar="N",
-        help="Units unlike the others that get a report of their own, linked from report.html.",
-    ),
-]
-
 
 def fleet(
-    files: Files,
-    inputs: Inputs = None,
-    outputs: Outputs = None,
+    files: Annotated[list[str], typer.Argument(metavar="PATTERN...")],
+    inputs: Annotated[list[str] | None, options.record_option("--input", metavar="NAME")] = None,
+    outputs: Annotated[list[str] | None, options.record_option("--output", metavar="NAME")] = None,
     *,
-    poles: options.PolesOrAuto = None,
-    zeros: options.ZerosOrAuto = None,
-    key: Key = None,
+    orders: Orders,
+    key: Annotated[str | None, options.record_option(metavar="NAME")] = None,
     reading: ReadingMany,
     late: Late,
     along: Along,
     way: Way,
     known: Known,
-    workers: Count = None,
-    scheduler: Scheduler = None,
-    resume: Resume = True,
-    time_limit: Seconds = 60.0,
-    judge: Judge = True,
-    together: Together = False,
-    pool: Pool = False,
-    out: Out = Path("results"),
-    reports: Reports = 3,
+    workers: Annotated[int | None, work_option("--workers", min=1, metavar="N")] = None,
+    scheduler: Annotated[str | None, work_option(metavar="URL")] = None,
+    resume: Annotated[bool, work_option("--resume/--no-resume")] = True,
+    time_limit: Annotated[float, work_option(min=0.01, metavar="SECONDS")] = 60.0,
+    judge: Annotated[bool, work_option("--judge/--no-judge")] = True,
+    together: Annotated[bool, options.result_option("--together")] = False,
+    pool: Annotated[bool, options.result_option("--pool")] = False,
+    out: Annotated[Path, options.result_option(metavar="DIR")] = Path("results"),
+    reports: Annotated[int, options.result_option(min=0, metavar="N")] = 3,
     as_json: options.AsJson = False,
 ) -> None:
     """Identify every unit of a fleet and leave one row for each, whatever comes of it.
 
     Example: tridentify fleet 'logs/**/*.parquet' --input u --output y --poles 2 --zeros 1
+
+    Parameters
+    ----------
+    files
+        Files, one a unit: a pattern such as 'logs/**/*.parquet' in quotation marks, or several
+        files; with --key a Parquet file or a folder of them.
+    inputs
+        Column of an input; may be repeated. By default u.
+    outputs
+        Column of an output; may be repeated. By default y.
+    key
+        Column that tells the units apart, where a file holds many of them.
+    workers
+        Processes of this machine; by default 1.
+    scheduler
+        A Dask scheduler, such as tcp://host:8786; its workers.
+    resume
+        Keep the rows that are there, or remove them and begin anew.
+    time_limit
+        What one record may take, reading included.
+    judge
+        Look for findings (cautions), which takes about as long as the estimate.
+    together
+        Also one model for all records at once.
+    pool
+        Also the population that the units come from, every unit in its light, and the units that
+        deviate.
+    out
+        Folder of the rows; a run that was ended goes on from what is there.
+    reports
+        Units unlike the others that get a report of their own, linked from report.html.
     """
     from tridentify.fleet import fit
     from tridentify.report import write_fleet_report
 
-    if workers is not None and scheduler is not None:
-        raise OptionError(
-            "found --workers beside --scheduler; expected one of them: the scheduler knows its "
-            "workers; leave one out"
-        )
+    hands = chosen_workers(workers, scheduler)
     sources, drains = tuple(inputs or ("u",)), tuple(outputs or ("y",))
-    structure = asked_structure(
-        poles or (), zeros or (), late, along, known, len(drains), len(sources)
-    )
+    structure = asked_structure(orders, late, along, known, len(drains), len(sources))
     with Activity() as activity:
         activity.stage("looking for the units")
         run = fit(
@@ -149,7 +96,7 @@ def fleet(
             outputs=drains,
             **reading.options(),
             out=out,
-            workers=scheduler or workers,
+            workers=hands,
             resume=resume,
             judge=judge,
             together=together,

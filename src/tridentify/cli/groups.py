@@ -7,11 +7,15 @@ fields in its place before the command is registered, so that the help shows the
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+import re
+from collections.abc import Callable, Mapping, Sequence
+from copy import copy
+from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from functools import wraps
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Annotated, Any, Literal, get_args, get_type_hints
+
+import typer
 
 from tridentify.cli import options
 from tridentify.cli.ask import (
@@ -22,50 +26,103 @@ from tridentify.cli.ask import (
     nested_zeros,
 )
 from tridentify.cli.knowledge import known_from
-from tridentify.cli.load import RecordSource, rules_from, units_from
+from tridentify.cli.load import RecordSource, asked_channels, rules_from, units_from
 from tridentify.cli.stretches import stretches_from
 from tridentify.estimation.methods.base import Method
 from tridentify.record.checks.samples import Intersample
-from tridentify.record.formats.assemble import Wanted
+from tridentify.record.formats.assemble import Instants, Wanted
 from tridentify.structure import AutoStructure, Structure
 
 
 @dataclass(frozen=True)
-class ReadingMany:
-    """How files are read into records, many of them alike."""
+class Measured:
+    """What was recorded.
 
-    time: options.Time = None
-    dt: options.Step = None
-    intersample: options.Intersample = "auto"
-    references: options.References = None
-    reference_intersample: options.ReferenceIntersample = None
-    instants: options.Instants = "auto"
+    Attributes
+    ----------
+    files
+        CSV, Excel, Parquet, Feather, NPZ, MATLAB, ULog or MDF4; several are several experiments of
+        one model.
+    inputs
+        Column of an input; may be repeated.
+    outputs
+        Column of an output; may be repeated.
+    """
+
+    files: Annotated[list[Path], typer.Argument(metavar="FILE")]
+    inputs: Annotated[list[str] | None, options.record_option("--input", metavar="NAME")] = None
+    outputs: Annotated[list[str] | None, options.record_option("--output", metavar="NAME")] = None
+
+    def columns(self) -> tuple[list[str], list[str]]:
+        """Those of the inputs and of the outputs; refused with a guess where they are left out."""
+        return asked_channels(self.files, self.inputs, self.outputs)
+
+
+@dataclass(frozen=True)
+class ReadingMany:
+    """How files are read into records, many of them alike.
+
+    Attributes
+    ----------
+    time
+        Column of time; by default the one called t or time.
+    dt
+        Uniform sampling interval; with --time, which must agree to 5 percent, or alone. Without it
+        time is taken as it is recorded, uneven steps too.
+    intersample
+        What the input does between samples: zoh (held), foh (joined by lines) or band-limited
+        (nothing above half the sampling rate; uniform time).
+    references
+        Column of what drove the loop from outside, where a controller set the input: a set point,
+        or what was added to the controller's output; may be repeated.
+    reference_intersample
+        What the references do between samples: zoh, foh, band-limited or auto; by default as
+        --intersample, with auto by their samples.
+    instants
+        Where channels of several clocks meet: at the instants of the outputs, at all instants, or
+        auto (all if they lie on one raster).
+    start
+        Leave out what is before.
+    stop
+        Leave out what is after.
+    """
+
+    time: Annotated[str | None, options.record_option(metavar="NAME")] = None
+    dt: Annotated[float | None, options.record_option(metavar="SECONDS")] = None
+    intersample: Annotated[Intersample, options.record_option(metavar="HOW")] = "auto"
+    references: Annotated[
+        list[str] | None, options.record_option("--reference", metavar="NAME")
+    ] = None
+    reference_intersample: Annotated[Intersample | None, options.record_option(metavar="HOW")] = (
+        None
+    )
+    instants: Annotated[Instants, options.record_option(metavar="HOW")] = "auto"
     units: options.Units = None
-    start: options.Start = None
-    stop: options.Stop = None
+    start: Annotated[float | None, options.record_option("--from", metavar="SECONDS")] = None
+    stop: Annotated[float | None, options.record_option("--to", metavar="SECONDS")] = None
 
     def options(self) -> dict[str, Any]:
         """As `tridentify.read_record` takes them."""
-        return {
-            "time": self.time,
-            "dt": self.dt,
-            "intersample": self.intersample,
-            "references": tuple(self.references or ()),
-            "reference_intersample": self.reference_intersample,
-            "instants": self.instants,
-            "units": units_from(self.units or ()),
-            "start": self.start,
-            "stop": self.stop,
-        }
+        stated = {one.name: getattr(self, one.name) for one in fields(ReadingMany)}
+        references = tuple(self.references or ())
+        return stated | {"references": references, "units": units_from(self.units or ())}
 
 
 @dataclass(frozen=True)
 class Reading(ReadingMany):
-    """How files are read into records, and what of them does not count."""
+    """How files are read into records, and what of them does not count.
+
+    Attributes
+    ----------
+    masked
+        A stretch, in seconds, whose output samples do not count; may be repeated.
+    ranges
+        A stretch of every file, in seconds, as an experiment of its own; may be repeated.
+    """
 
     missing: options.Missing = None
-    masked: options.Masked = None
-    ranges: options.Ranges = None
+    masked: Annotated[list[str] | None, options.record_option("--mask", metavar="FROM:TO")] = None
+    ranges: Annotated[list[str] | None, options.record_option("--range", metavar="FROM:TO")] = None
 
     def source(
         self,
@@ -99,11 +156,24 @@ class Reading(ReadingMany):
 
 @dataclass(frozen=True)
 class Along:
-    """What is estimated beside the model."""
+    """What is estimated beside the model.
 
-    offset: options.Offset = "auto"
-    drift: options.Drift = None
-    initial_state: options.InitialState = "auto"
+    Attributes
+    ----------
+    offset
+        A constant on every output: yes, no, or auto (by AICc).
+    drift
+        A slope in time on every output: yes, no, or auto (by AICc).
+    initial_state
+        State at the first sample: rest (all zero), equilibrium (steady under the first input value,
+        as in trim), free (any), or auto (by AICc).
+    """
+
+    offset: Annotated[options.Choice, options.model_option(metavar="HOW")] = "auto"
+    drift: Annotated[options.Choice | None, options.model_option(metavar="HOW")] = None
+    initial_state: Annotated[
+        Literal["auto", "rest", "equilibrium", "free"], options.model_option(metavar="HOW")
+    ] = "auto"
 
     def terms(self) -> dict[str, Any]:
         """As `Structure` takes them."""
@@ -116,9 +186,16 @@ class Along:
 
 @dataclass(frozen=True)
 class Late:
-    """Dead times."""
+    """Dead times.
 
-    delay: options.Delay = None
+    Attributes
+    ----------
+    delay
+        Known dead time: once, or a number for each input (--delay 0.1,0), or once for each output;
+        free to estimate one for each input.
+    """
+
+    delay: Annotated[list[str] | None, options.model_option(metavar="SECONDS")] = None
 
     def template(self, along: Along, n_outputs: int, n_inputs: int) -> Structure:
         """A structure of any orders."""
@@ -128,12 +205,25 @@ class Late:
 
 @dataclass(frozen=True)
 class Known:
-    """What is known of the coefficients."""
+    """What is known of the coefficients.
 
-    fixed: options.Fixed = None
-    bounds: options.Limits = None
-    priors: options.Priors = None
-    gains: options.Gains = None
+    Attributes
+    ----------
+    fixed
+        A coefficient that is known, such as a0=3.
+    bounds
+        Limits of a coefficient: b0=0:5, b0=0: or b0=:5.
+    priors
+        What is known before: mean and standard deviation, such as a0=3+-0.1.
+    gains
+        Known static gain b0 / a0: once for all channels, or once for each output with a number for
+        each input (--gain 1.5,?), ? where it is unknown.
+    """
+
+    fixed: Annotated[list[str] | None, options.known_option("--fix", metavar="A=X")] = None
+    bounds: Annotated[list[str] | None, options.known_option("--bound", metavar="A=LO:HI")] = None
+    priors: Annotated[list[str] | None, options.known_option("--prior", metavar="A=X+-S")] = None
+    gains: Annotated[list[str] | None, options.known_option("--gain", metavar="G")] = None
 
     @property
     def something(self) -> bool:
@@ -147,27 +237,63 @@ class Known:
 
 @dataclass(frozen=True)
 class Way:
-    """How it is estimated."""
+    """How it is estimated.
 
-    method: options.Method = "three-model"
-    noise: options.NoiseModel = "auto"
-    route: options.Routes = "auto"
-    controller: options.Controllers = "unknown"
+    Attributes
+    ----------
+    method
+        Estimation method; a wrong name lists them.
+    noise
+        Measurement noise: white, ar (autoregressive; the samples are whitened), or auto (ar where
+        the residual is not white).
+    route
+        What to make of a controller that set the input: reference (both signals fitted by what
+        drove the loop; needs --reference), direct (a noise model), open-loop (none was running), or
+        auto (reference where there is one).
+    controller
+        How that controller worked, for the reference route: sampled (the input is held),
+        continuous, or unknown.
+    """
 
-    def chosen(self, loss: options.Losses = "squared") -> Method:
+    method: Annotated[str, options.model_option(metavar="NAME")] = "three-model"
+    noise: Annotated[Literal["auto", "white", "ar"], options.model_option(metavar="HOW")] = "auto"
+    route: Annotated[
+        Literal["auto", "open-loop", "reference", "direct"],
+        options.model_option("--route", metavar="WAY"),
+    ] = "auto"
+    controller: Annotated[
+        Literal["unknown", "sampled", "continuous"],
+        options.model_option("--controller", metavar="HOW"),
+    ] = "unknown"
+
+    def chosen(self, loss: str = "squared") -> Method:
         """The method with its options."""
-        return chosen_method(
-            self.method,
-            noise=self.noise,
-            loss=loss,
-            route=self.route,
-            controller=self.controller,
-        )
+        stated = {one.name: getattr(self, one.name) for one in fields(self)}
+        return chosen_method(stated.pop("method"), **stated, loss=loss)
+
+
+@dataclass(frozen=True)
+class Orders:
+    """How many coefficients there are.
+
+    Attributes
+    ----------
+    poles
+        Degree of the denominator that all channels share; or denominators of their own: once for
+        each output with a number for each input (--poles 2,1). Left out, or auto: orders are
+        chosen as tridentify select does.
+    zeros
+        Degree of the numerators: once for all channels, or once for each output in their order
+        (--zeros 1 --zeros 0); with several inputs also a number for each of them (--zeros 1,0).
+        Left out with --poles.
+    """
+
+    poles: Annotated[list[str] | None, options.model_option(metavar="N")] = None
+    zeros: Annotated[list[str] | None, options.model_option(metavar="M")] = None
 
 
 def asked_structure(
-    poles: Sequence[str],
-    zeros: Sequence[str],
+    orders: Orders,
     late: Late,
     along: Along,
     known: Known,
@@ -181,6 +307,7 @@ def asked_structure(
     StructureError, OptionError
         The options make none.
     """
+    poles, zeros = orders.poles or (), orders.zeros or ()
     template = late.template(along, n_outputs, n_inputs)
     if chooses_orders(poles, zeros, known.something):
         return AutoStructure(template=template)
@@ -193,12 +320,13 @@ def asked_structure(
 
 
 def with_groups(command: Callable[..., None]) -> Callable[..., None]:
-    """The command with every group of options spread out.
+    """The command with every group of options spread out, each with its help.
 
     Parameters
     ----------
     command : callable
-        Parameters annotated with a dataclass of options are groups.
+        Parameters annotated with a dataclass of options are groups. What its docstring says of a
+        parameter, or that of a group of an attribute, is the help where the option states none.
 
     Examples
     --------
@@ -209,7 +337,7 @@ def with_groups(command: Callable[..., None]) -> Callable[..., None]:
     >>> with_groups(fit)(file="a.csv", out="b", **vars(Way("output-error")))
     output-error b
     """
-    hints = get_type_hints(command, include_extras=True)
+    hints = _hints(command)
     groups: dict[str, type[Any]] = {}
     spread: list[inspect.Parameter] = []
     for name, own in inspect.signature(command).parameters.items():
@@ -218,12 +346,12 @@ def with_groups(command: Callable[..., None]) -> Callable[..., None]:
             spread.append(own.replace(annotation=kind, kind=inspect.Parameter.KEYWORD_ONLY))
             continue
         groups[name] = kind  # type: ignore[assignment]
-        inner = get_type_hints(kind, include_extras=True)
+        inner = _hints(kind)
         spread += [
             inspect.Parameter(
                 one.name,
                 inspect.Parameter.KEYWORD_ONLY,
-                default=one.default,
+                default=inspect.Parameter.empty if one.default is MISSING else one.default,
                 annotation=inner[one.name],
             )
             for one in fields(kind)
@@ -239,5 +367,35 @@ def with_groups(command: Callable[..., None]) -> Callable[..., None]:
 
     run.__signature__ = inspect.Signature(spread)  # type: ignore[attr-defined]
     run.__annotations__ = {one.name: one.annotation for one in spread}
+    run.__doc__ = re.split(SECTION, inspect.getdoc(command) or "")[0]
     del run.__wrapped__
     return run
+
+
+def _hints(documented: Any) -> dict[str, Any]:
+    """Annotations of a command or a group, its options with what the docstring says of them."""
+    hints = get_type_hints(documented, include_extras=True)
+    for one in getattr(documented, "__mro__", (documented,)):
+        for name, text in described(one.__doc__ or "").items():
+            kind, option = get_args(hints[name])
+            if option.help is None:
+                option = copy(option)
+                option.help = text
+                hints[name] = Annotated[kind, option]
+    return hints
+
+
+SECTION = r"\n *(?:Parameters|Attributes)\n *-{10}\n"
+
+
+def described(docstring: str) -> Mapping[str, str]:
+    """What a docstring says of each parameter or attribute.
+
+    Examples
+    --------
+    >>> described(ReadingMany.__doc__)["start"]
+    'Leave out what is before.'
+    """
+    _, *sections = re.split(SECTION, inspect.cleandoc(docstring))
+    entries = re.findall(r"^(\w+)\n((?: +.*\n?)+)", "".join(sections), re.MULTILINE)
+    return {name: " ".join(text.split()) for name, text in entries}

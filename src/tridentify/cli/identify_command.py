@@ -5,49 +5,60 @@ from __future__ import annotations
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Annotated, Literal
 
 from tridentify.cli import options, tables
-from tridentify.cli.groups import Along, Known, Late, Reading, Way, asked_structure
-from tridentify.cli.load import RecordSource, asked_channels, load
+from tridentify.cli.groups import (
+    Along,
+    Known,
+    Late,
+    Measured,
+    Orders,
+    Reading,
+    Way,
+    asked_structure,
+)
+from tridentify.cli.load import RecordSource, load
 from tridentify.cli.long_record import answer, long_record
 from tridentify.cli.run import estimate_blocks, estimate_model, load_compiled, write_results
 from tridentify.cli.work import at_work
 from tridentify.estimation.methods.base import Method
 from tridentify.structure import AutoStructure, Structure
 
-if TYPE_CHECKING:
-    pass
-
 
 def identify(
-    files: options.Files,
-    inputs: options.NamedInputs = None,
-    outputs: options.NamedOutputs = None,
+    measured: Measured,
     *,
-    poles: options.PolesOrAuto = None,
-    zeros: options.ZerosOrAuto = None,
+    orders: Orders,
     reading: Reading,
     late: Late,
     along: Along,
     known: Known,
     way: Way,
-    loss: options.Losses = "squared",
+    loss: Annotated[
+        Literal["squared", "huber", "student"], options.model_option(metavar="HOW")
+    ] = "squared",
     out: options.Out = None,
     title: options.Title = None,
     as_json: options.AsJson = False,
-    verbose: options.Verbose = False,
+    verbose: Annotated[bool, options.result_option("--verbose")] = False,
 ) -> None:
     """Identify the coefficients of a model from records in files.
 
     Without --poles the orders are chosen. Example: tridentify identify flight.csv --input elevator
     --output q --poles 2 --zeros 1
+
+    Parameters
+    ----------
+    loss
+        What is minimised: squared, or huber or student (robust, for outliers and noise with heavy
+        tails).
+    verbose
+        Also tell by how much every decision was won, and why the search ended.
     """
-    inputs, outputs = asked_channels(files, inputs, outputs)
-    structure = asked_structure(
-        poles or (), zeros or (), late, along, known, len(outputs), len(inputs)
-    )
-    source = reading.source(files, inputs, outputs)
+    inputs, outputs = measured.columns()
+    structure = asked_structure(orders, late, along, known, len(outputs), len(inputs))
+    source = reading.source(measured.files, inputs, outputs)
     _answer(source, structure, way.chosen(loss), out, title, as_json=as_json, verbose=verbose)
 
 

@@ -256,13 +256,8 @@ def without(record: Record, rules: Sequence[MissingRule], activity: Activity) ->
     EmptyChannelError
         No sample of an output is left.
     """
+    check_rules(rules, record.output_names)
     for rule in rules:
-        if rule.channel not in record.output_names:
-            raise ChannelNameError(
-                f"found --missing for {shown(rule.channel)}; expected an output, one of "
-                f"{', '.join(record.output_names)}; correct the name"
-                f"{did_you_mean(rule.channel, record.output_names)}"
-            )
         column = record.output_names.index(rule.channel)
         where = np.zeros(record.y.shape, dtype=np.bool_)
         where[:, column] = COMPARE[rule.sign](record.y[:, column], rule.limit)
@@ -272,6 +267,21 @@ def without(record: Record, rules: Sequence[MissingRule], activity: Activity) ->
             f"do not count, by {rule.channel} {rule.sign} {rule.limit:g}"
         )
     return record
+
+
+def check_rules(rules: Sequence[MissingRule], outputs: Sequence[str]) -> None:
+    """Refuse rules about what is no output.
+
+    Raises
+    ------
+    ChannelNameError
+    """
+    for rule in rules:
+        if rule.channel not in outputs:
+            raise ChannelNameError(
+                f"found --missing for {shown(rule.channel)}; expected an output, one of "
+                f"{', '.join(outputs)}; correct the name{did_you_mean(rule.channel, outputs)}"
+            )
 
 
 def _read(table: OpenFile, source: RecordSource, time: str | None, file: Path) -> Record:

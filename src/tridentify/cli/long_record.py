@@ -7,8 +7,9 @@ from typing import Any
 
 from tridentify.cli import tables
 from tridentify.cli.load import RecordSource, find_time
+from tridentify.cli.run import usable
 from tridentify.cli.terminal import Activity
-from tridentify.errors import ConvergenceError, NonUniformTimeError, UnsupportedError
+from tridentify.errors import NonUniformTimeError, UnsupportedError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.methods.base import Method
 from tridentify.record.formats.isolation import machine_memory
@@ -146,12 +147,7 @@ def answer(
     """
     from tridentify.identify import identify_long
 
-    estimate = identify_long(record, structure, method, activity.stage)
-    if not estimate.status.ok:
-        raise ConvergenceError(
-            f"found no usable estimate: {estimate.status.message}; expected a minimum that the "
-            f"data can tell; {estimate.status.remedy}"
-        )
+    estimate = usable(identify_long(record, structure, method, activity.stage))
     first, last = 0, record.n_samples - 1
     for one in estimate.findings:
         if one.code == "judged-on-stretch":

@@ -14,7 +14,7 @@ from rich.table import Table
 from tridentify.cli import options, tables
 from tridentify.cli.ask import nested_delays
 from tridentify.cli.groups import Along, Reading
-from tridentify.cli.load import RecordSource, load
+from tridentify.cli.load import RecordSource
 from tridentify.cli.physical_models import (
     Known,
     channels_of,
@@ -23,67 +23,29 @@ from tridentify.cli.physical_models import (
     known_parameters,
     show_models,
 )
-from tridentify.cli.run import load_compiled
 from tridentify.cli.terminal import Activity, listed, paragraph
 from tridentify.cli.work import at_work
-from tridentify.errors import (
-    MissingColumnError,
-    OptionError,
-    UndeterminedError,
-    shown,
-)
-from tridentify.estimation.answer.parameter import Parameter
+from tridentify.errors import MissingColumnError, OptionError, UndeterminedError, shown
 from tridentify.physical import PhysicalEstimate, PhysicalModel, estimate_physical
 from tridentify.record.record import Record
-from tridentify.writing.layout import format_std, format_value
 
 TITLES = ("parameter", "value", "std error", "95 % from", "to", "unit")
 
 
 def physical(
-    files: Annotated[
-        list[Path] | None,
-        typer.Argument(metavar="FILE", help="As for identify; several are several experiments."),
-    ] = None,
-    model: Annotated[
-        str | None,
-        options.model_option(metavar="NAME", help="Ready-made model; --list shows them."),
-    ] = None,
-    inputs: Annotated[
-        list[str] | None,
-        options.record_option(
-            "--input",
-            metavar="NAME",
-            help="Column of each input, by name (elevator=u_elevator) or in their order.",
-        ),
-    ] = None,
-    outputs: Annotated[
-        list[str] | None,
-        options.record_option(
-            "--output",
-            metavar="NAME",
-            help="Column of each output, by name (q=y_q) or in their order.",
-        ),
-    ] = None,
+    files: Annotated[list[Path] | None, typer.Argument(metavar="FILE")] = None,
+    model: Annotated[str | None, options.model_option(metavar="NAME")] = None,
+    inputs: Annotated[list[str] | None, options.record_option("--input", metavar="NAME")] = None,
+    outputs: Annotated[list[str] | None, options.record_option("--output", metavar="NAME")] = None,
     *,
     reading: Reading,
-    known: Annotated[
-        list[str] | None,
-        options.known_option(
-            metavar="P=X",
-            help="A parameter that is known: R1=1e4, or with its standard deviation R1=1e4+-100.",
-        ),
-    ] = None,
-    delay: Annotated[
-        str | None, options.model_option(metavar="SECONDS", help="Known dead time of the input.")
-    ] = None,
+    known: Annotated[list[str] | None, options.known_option(metavar="P=X")] = None,
+    delay: Annotated[str | None, options.model_option(metavar="SECONDS")] = None,
     along: Along,
     out: options.Out = None,
     title: options.Title = None,
     as_json: options.AsJson = False,
-    list_models: Annotated[
-        bool, typer.Option("--list", help="Show the ready-made models and their parameters.")
-    ] = False,
+    list_models: Annotated[bool, typer.Option("--list")] = False,
 ) -> None:
     """Estimate the physical parameters of a ready-made model from records in files.
 
@@ -91,6 +53,23 @@ def physical(
     With --out the folder also gets physical.json.
 
     Example: tridentify physical run.csv --model mass-spring-damper --input force --output position
+
+    Parameters
+    ----------
+    files
+        As for identify; several are several experiments.
+    model
+        Ready-made model; --list shows them.
+    inputs
+        Column of each input, by name (elevator=u_elevator) or in their order.
+    outputs
+        Column of each output, by name (q=y_q) or in their order.
+    known
+        A parameter that is known: R1=1e4, or with its standard deviation R1=1e4+-100.
+    delay
+        Known dead time of the input.
+    list_models
+        Show the ready-made models and their parameters.
     """
     if list_models:
         show_models(as_json)
@@ -137,23 +116,16 @@ def _answer(
     """Read, estimate, write, print."""
     with at_work(out) as work:
         activity = work.activity
-        records = load(source, activity)
-        load_compiled(activity)
+        records = work.records(source)
         named = _names_in(records[0], channels)
         check_units(records, named)
         found = estimate_physical(
             model, records, known=known, channels=named, progress=activity.stage
         )
         _refuse_silence(found)
-        work.publish(
-            lambda folder: _write(
-                found,
-                [record.select(*_order(model, named)) for record in records],
-                folder,
-                activity,
-                title,
-            )
-        )
+        order = [[named[n] for n in names] for names in (model.input_names, model.output_names)]
+        ordered = [record.select(*order) for record in records]
+        work.publish(lambda folder: _write(found, ordered, folder, activity, title))
     work.answer(
         as_json,
         lambda: physical_document(found, records, named),
@@ -194,10 +166,6 @@ def _names_in(record: Record, channels: Mapping[str, str]) -> dict[str, str]:
     return named
 
 
-def _order(model: PhysicalModel, named: Mapping[str, str]) -> tuple[list[str], list[str]]:
-    return [named[n] for n in model.input_names], [named[n] for n in model.output_names]
-
-
 def _refuse_silence(found: PhysicalEstimate) -> None:
     """Refuse an answer that says nothing about any parameter that was not known."""
     asked = [name for name in found.names if found.known.get(name, (0.0, 1.0))[1] > 0]
@@ -215,7 +183,7 @@ def _account(
     renamed = [f"{ours} is {theirs}" for ours, theirs in named.items() if ours != theirs]
     text = f"{found.model_name}{': ' if renamed else ''}{listed(renamed)}"
     groups = [
-        [_row(item, found) for item in group]
+        [tables.parameter_row(item, "known" if item.name in found.known else "") for item in group]
         for group in (found.parameters.values(), found.combinations)
         if group
     ]
@@ -235,15 +203,6 @@ def _account(
         tables.make_table(("output", "fit [%]", "of free coefficients [%]"), [fits]),
         *notes,
     ]
-
-
-def _row(item: Parameter, found: PhysicalEstimate) -> tuple[str, ...]:
-    if not np.isfinite(item.value):
-        return item.name, "not determined", "", "", "", item.unit
-    certain = not item.std > 0
-    ends = ["", ""] if certain else [format_value(end, item.std) for end in item.interval()]
-    std = format_std(item.std) or ("known" if item.name in found.known else "")
-    return item.name, format_value(item.value, item.std), std, *ends, item.unit
 
 
 def physical_document(

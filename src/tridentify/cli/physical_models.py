@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from rich.table import Table
 
@@ -196,26 +197,18 @@ def _plain_unit(unit: str, seconds: int = 0) -> str:
 
 def show_models(as_json: bool) -> None:
     """Print the models with their channels and parameters."""
-    made = {name: make() for name, make in MODELS.items()}
-    if as_json:
-        show_json(
-            {
-                name: {
-                    "inputs": model.input_names,
-                    "outputs": model.output_names,
-                    "parameters": [
-                        {"name": p.name, "unit": p.unit, "description": p.description}
-                        for p in model.parameters
-                    ],
-                }
-                for name, model in made.items()
-            }
-        )
-        return
+    document: dict[str, Any] = {}
     blocks: list[str | Table] = []
-    for name, model in made.items():
-        inputs, outputs = ", ".join(model.input_names), ", ".join(model.output_names)
-        blocks.append(f"{name}: {outputs} from {inputs}")
+    for name, make in MODELS.items():
+        model = make()
         rows = [(p.name, p.unit, p.description) for p in model.parameters]
+        told = [dict(zip(("name", "unit", "description"), row, strict=True)) for row in rows]
+        sides = {"inputs": model.input_names, "outputs": model.output_names}
+        document[name] = {**sides, "parameters": told}
+        inputs, outputs = (", ".join(names) for names in sides.values())
+        blocks.append(f"{name}: {outputs} from {inputs}")
         blocks.append(tables.make_table(("parameter", "unit", "description"), [rows]))
-    show(*blocks)
+    if as_json:
+        show_json(document)
+    else:
+        show(*blocks)

@@ -61,6 +61,16 @@ def estimate_model(
     if artist is not None and found.estimate.status.ok:
         artist.begin(found.estimate, found.records)
     estimate = found.judged()
+    return usable(estimate)
+
+
+def usable(estimate: Estimate) -> Estimate:
+    """The estimate, if its method ended with one.
+
+    Raises
+    ------
+    ConvergenceError
+    """
     if not estimate.status.ok:
         raise ConvergenceError(
             f"found no usable estimate: {estimate.status.message}; expected a minimum that the "

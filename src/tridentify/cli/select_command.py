@@ -13,8 +13,8 @@ import typer
 from rich.table import Table
 
 from tridentify.cli import options
-from tridentify.cli.groups import Along, Late, Reading, Way
-from tridentify.cli.load import asked_channels, load
+from tridentify.cli.groups import Along, Late, Measured, Reading, Way
+from tridentify.cli.load import load
 from tridentify.cli.run import load_compiled
 from tridentify.cli.tables import describe_records, make_table
 from tridentify.cli.terminal import Activity, paragraph
@@ -28,71 +28,49 @@ if TYPE_CHECKING:
 
 MOST = 200
 
-Poles = Annotated[
-    str,
-    options.model_option(
-        metavar="A:B", help="Numbers of poles to try: a range, or one number. Shared denominators."
-    ),
-]
-Zeros = Annotated[
-    str,
-    options.model_option(
-        metavar="A:B",
-        help="Numbers of zeros to try: a range, one number, or all (every number below that of "
-        "the poles; as many, too, where the output follows the input at once, and a pole at zero "
-        "where it integrates). A range takes in as many zeros as poles where it reaches so far.",
-    ),
-]
-Jobs = Annotated[
-    int,
-    typer.Option(
-        min=1, metavar="N", help="Processes side by side; the result does not depend on it."
-    ),
-]
-Validation = Annotated[
-    list[Path] | None,
-    options.record_option(
-        "--validation",
-        metavar="FILE",
-        help="A file to judge the fit on, with the same columns; may be repeated. Without it, "
-        "blocks of the record are left out in turn.",
-    ),
-]
-Out = Annotated[
-    Path | None,
-    options.result_option(
-        metavar="DIR",
-        help="Write report.html, selection.json, model.json of the recommended row, and the "
-        "pictures into this folder.",
-    ),
-]
-
 
 def select(
-    files: options.Files,
-    inputs: options.NamedInputs = None,
-    outputs: options.NamedOutputs = None,
+    measured: Measured,
     *,
-    poles: Poles = "1:4",
-    zeros: Zeros = "all",
+    poles: Annotated[str, options.model_option(metavar="A:B")] = "1:4",
+    zeros: Annotated[str, options.model_option(metavar="A:B")] = "all",
     reading: Reading,
-    validation: Validation = None,
+    validation: Annotated[
+        list[Path] | None, options.record_option("--validation", metavar="FILE")
+    ] = None,
     late: Late,
     along: Along,
     way: Way,
-    jobs: Jobs = 1,
-    out: Out = None,
+    jobs: Annotated[int, typer.Option(min=1, metavar="N")] = 1,
+    out: Annotated[Path | None, options.result_option(metavar="DIR")] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Compare numbers of poles and zeros, and recommend one.
 
     Example: tridentify select flight.csv --input elevator --output q --poles 1:4
+
+    Parameters
+    ----------
+    poles
+        Numbers of poles to try: a range, or one number. Shared denominators.
+    zeros
+        Numbers of zeros to try: a range, one number, or all (every number below that of the poles;
+        as many, too, where the output follows the input at once, and a pole at zero where it
+        integrates). A range takes in as many zeros as poles where it reaches so far.
+    validation
+        A file to judge the fit on, with the same columns; may be repeated. Without it, blocks of
+        the record are left out in turn.
+    jobs
+        Processes side by side; the result does not depend on it.
+    out
+        Write report.html, selection.json, model.json of the recommended row, and the pictures into
+        this folder.
     """
-    inputs, outputs = asked_channels(files, inputs, outputs)
+    inputs, outputs = measured.columns()
     template = late.template(along, len(outputs), len(inputs))
     candidates = candidates_from(poles, zeros, template)
     chosen = way.chosen()
-    sources = [reading.source(files, inputs, outputs)]
+    sources = [reading.source(measured.files, inputs, outputs)]
     if validation:
         whole = replace(reading, start=None, stop=None)
         sources.append(whole.source(validation, inputs, outputs))

@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import signal
 import sys
-import threading
 import time as clock
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+import typer
 
 from tridentify.cli import options
 from tridentify.cli import stream_options as own
 from tridentify.cli.ask import nested_poles, nested_zeros
 from tridentify.cli.groups import Along, Late
-from tridentify.cli.load import rules_from, units_from
+from tridentify.cli.load import check_rules, rules_from, units_from
 from tridentify.cli.stream_checkpoint import (
     Snapshot,
     prove_writable,
@@ -30,15 +29,13 @@ from tridentify.cli.stream_checkpoint import (
 from tridentify.cli.stream_question import StreamQuestion, check_every
 from tridentify.cli.stream_session import Session
 from tridentify.cli.stream_show import LiveView
-from tridentify.cli.terminal import Activity, say, show_json_line
+from tridentify.cli.terminal import Activity, on_signals, say, show_json_line
 from tridentify.errors import (
-    ChannelNameError,
     OptionError,
     OutputPathError,
     UnreadableFileError,
     shown,
 )
-from tridentify.record.checks.names import did_you_mean
 from tridentify.record.formats.streams.datagrams import UdpSource, loopback_address
 from tridentify.record.formats.streams.header import Asked, split_columns
 from tridentify.record.formats.streams.lines import LineCutter
@@ -46,33 +43,77 @@ from tridentify.record.formats.streams.sources import ByteSource, PipeSource, so
 
 
 def stream(
-    inputs: options.Inputs,
-    outputs: options.Outputs,
-    poles: options.Poles,
-    zeros: options.Zeros,
+    inputs: Annotated[list[str], options.record_option("--input", metavar="NAME")],
+    outputs: Annotated[list[str], options.record_option("--output", metavar="NAME")],
+    poles: Annotated[list[str], options.model_option(metavar="N")],
+    zeros: Annotated[list[str], options.model_option(metavar="M")],
     *,
-    source: own.SourceName = "-",
-    time: own.Time = None,
-    dt: own.Step = None,
-    intersample: own.Intersample = "zoh",
-    columns: own.ColumnNames = None,
-    form: own.LineForm = "auto",
-    decimal: own.DecimalSign = ".",
+    source: Annotated[str, typer.Argument(metavar="SOURCE")] = "-",
+    time: Annotated[str | None, options.record_option(metavar="NAME")] = None,
+    dt: Annotated[float | None, options.record_option(metavar="SECONDS")] = None,
+    intersample: Annotated[Literal["zoh", "foh"], options.record_option(metavar="HOW")] = "zoh",
+    columns: Annotated[str | None, options.record_option("--columns", metavar="NAMES")] = None,
+    form: Annotated[
+        Literal["auto", "csv", "json"], options.record_option("--format", metavar="F")
+    ] = "auto",
+    decimal: Annotated[Literal[".", ","], options.record_option("--decimal", metavar="SIGN")] = ".",
     missing: options.Missing = None,
     units: options.Units = None,
-    follow: own.Follow = False,
-    idle: own.Idle = None,
+    follow: Annotated[bool, options.record_option("--follow")] = False,
+    idle: Annotated[float | None, options.record_option(metavar="SECONDS")] = None,
     late: Late,
     along: Along,
     asking: own.Asking,
-    every: own.Every = 1.0,
-    live: own.Live = False,
-    checkpoint: own.Checkpoint = None,
-    resume: own.Resume = False,
+    every: Annotated[float, options.result_option(metavar="SECONDS")] = 1.0,
+    live: Annotated[bool, options.result_option("--live")] = False,
+    checkpoint: Annotated[Path | None, options.result_option(metavar="FILE")] = None,
+    resume: Annotated[bool, options.result_option("--resume")] = False,
 ) -> None:
     """Follow the coefficients of a model while samples arrive, a line of JSON at a time.
 
     Example: tridentify stream flight.csv --input elevator --output q --poles 2 --zeros 1 --every 5
+
+    Parameters
+    ----------
+    inputs
+        Column of an input; may be repeated.
+    outputs
+        Column of an output; may be repeated.
+    poles
+        Degree of the denominator that all channels share; or denominators of their own: once for
+        each output with a number for each input (--poles 2,1).
+    zeros
+        Degree of the numerators: once for all channels, or once for each output in their order
+        (--zeros 1 --zeros 0); with several inputs also a number for each of them (--zeros 1,0).
+    source
+        Where lines come from: - (standard input), a file, or udp://127.0.0.1:PORT (datagrams to
+        this machine from itself; port 0 takes a free one).
+    time
+        Column of time; by default, without --dt, the one called t or time.
+    dt
+        Nominal sampling interval; alone it is the time between lines, with --time the intervals are
+        those of the column. By default it is taken from the first samples.
+    intersample
+        What the input does between samples: zoh (held) or foh. Unlike identify, stream compares no
+        behaviours: pass the one that identify found.
+    columns
+        Names of the columns, such as t,u,y, without a header.
+    form
+        Lines are csv, json, or auto (by the first one).
+    decimal
+        Decimal sign of CSV: . or ,
+    follow
+        Wait for more at the end of the file, also when it is replaced or cut.
+    idle
+        End when nothing has come for so long.
+    every
+        Time of the data between two lines; inf for the last.
+    live
+        Show a table that follows the estimate.
+    checkpoint
+        Keep the state in this file, at every line and the end.
+    resume
+        Go on from the checkpoint; begin anew where there is none.
     """
     check_every(every)
     _check_resumable(checkpoint, resume)
@@ -98,7 +139,7 @@ def stream(
             name=origin.name,
         )
         rules = rules_from(missing or ())
-        _check_rules([rule.channel for rule in rules], outputs)
+        check_rules(rules, outputs)
         question = StreamQuestion(asked, structure, chosen, dt, intersample, rules, every)
         _try_out(question)
         run = _StreamRun(question, origin, checkpoint, idle)
@@ -173,15 +214,6 @@ def _check_resumable(checkpoint: Path | None, resume: bool) -> None:
         )
 
 
-def _check_rules(channels: list[str], outputs: list[str]) -> None:
-    for channel in channels:
-        if channel not in outputs:
-            raise ChannelNameError(
-                f"found --missing for {shown(channel)}; expected an output, one of "
-                f"{', '.join(outputs)}; correct the name{did_you_mean(channel, outputs)}"
-            )
-
-
 class _Stop:
     """Whether the user, or the system, asked to stop."""
 
@@ -191,29 +223,16 @@ class _Stop:
     def __call__(self) -> bool:
         return self.asked
 
-    @contextmanager
-    def on_signals(self) -> Iterator[None]:
+    def ask(self, _number: int, _frame: FrameType | None) -> None:
         """Let the first request end the stream between two samples; the next one at once."""
-        if threading.current_thread() is not threading.main_thread():
-            yield
-            return
+        if self.asked:
+            raise KeyboardInterrupt
+        self.asked = True
 
-        def ask(_number: int, _frame: FrameType | None) -> None:
-            if self.asked:
-                raise KeyboardInterrupt
-            self.asked = True
 
-        names = ("SIGINT", "SIGTERM", "SIGHUP")
-        numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
-        before = {number: signal.getsignal(number) for number in numbers}
-        handled = [number for number in numbers if before[number] is not signal.SIG_IGN]
-        for number in handled:
-            signal.signal(number, ask)
-        try:
-            yield
-        finally:
-            for number in handled:
-                signal.signal(number, before[number])
+def _counts(handler: Any) -> bool:
+    """Whether a signal is not ignored."""
+    return handler is not signal.SIG_IGN
 
 
 @dataclass
@@ -262,7 +281,7 @@ class _StreamRun:
         NotReadyError
             The samples did not determine the coefficients.
         """
-        stack.enter_context(self.stop.on_signals())
+        stack.enter_context(on_signals(("SIGINT", "SIGTERM", "SIGHUP"), self.stop.ask, _counts))
         self.view = stack.enter_context(LiveView(live, self.source.name))
         session = self.session
         self.view.begin(session.state.n_samples if session.state else 0)

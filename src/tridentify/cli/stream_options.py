@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from tridentify.cli.knowledge import NUMBER
-from tridentify.cli.options import record_option, result_option
 from tridentify.errors import OptionError, shown
 from tridentify.estimation.answer.estimate import Estimate
 
@@ -23,138 +22,54 @@ if TYPE_CHECKING:
 method_option = partial(typer.Option, rich_help_panel="The method")
 
 
-SourceName = Annotated[
-    str,
-    typer.Argument(
-        metavar="SOURCE",
-        help="Where lines come from: - (standard input), a file, or udp://127.0.0.1:PORT "
-        "(datagrams to this machine from itself; port 0 takes a free one).",
-    ),
-]
-Time = Annotated[
-    str | None,
-    record_option(
-        metavar="NAME",
-        help="Column of time; by default, without --dt, the one called t or time.",
-    ),
-]
-Step = Annotated[
-    float | None,
-    record_option(
-        metavar="SECONDS",
-        help="Nominal sampling interval; alone it is the time between lines, with --time the "
-        "intervals are those of the column. By default it is taken from the first samples.",
-    ),
-]
-Intersample = Annotated[
-    Literal["zoh", "foh"],
-    record_option(
-        metavar="HOW",
-        help="What the input does between samples: zoh (held) or foh. Unlike identify, stream "
-        "compares no behaviours: pass the one that identify found.",
-    ),
-]
-ColumnNames = Annotated[
-    str | None,
-    record_option(
-        "--columns", metavar="NAMES", help="Names of the columns, such as t,u,y, without a header."
-    ),
-]
-LineForm = Annotated[
-    Literal["auto", "csv", "json"],
-    record_option("--format", metavar="F", help="Lines are csv, json, or auto (by the first one)."),
-]
-DecimalSign = Annotated[
-    Literal[".", ","],
-    record_option("--decimal", metavar="SIGN", help="Decimal sign of CSV: . or ,"),
-]
-Follow = Annotated[
-    bool,
-    record_option(
-        "--follow", help="Wait for more at the end of the file, also when it is replaced or cut."
-    ),
-]
-Idle = Annotated[
-    float | None,
-    record_option(metavar="SECONDS", help="End when nothing has come for so long."),
-]
-Every = Annotated[
-    float,
-    result_option(metavar="SECONDS", help="Time of the data between two lines; inf for the last."),
-]
-Live = Annotated[bool, result_option("--live", help="Show a table that follows the estimate.")]
-Checkpoint = Annotated[
-    Path | None,
-    result_option(metavar="FILE", help="Keep the state in this file, at every line and the end."),
-]
-Resume = Annotated[
-    bool,
-    result_option("--resume", help="Go on from the checkpoint; begin anew where there is none."),
-]
-
-
 @dataclass(frozen=True)
 class Asking:
-    """Which estimator follows the coefficients, and its options."""
+    """Which estimator follows the coefficients, and its options.
 
-    method: Annotated[
-        str, method_option(metavar="NAME", help="On-line method; a wrong name lists them.")
-    ] = "three-model"
-    forgetting: Annotated[
-        float | None, method_option(metavar="X", help="Forgetting factor of a sample; 1 is none.")
-    ] = None
+    Attributes
+    ----------
+    method
+        On-line method; a wrong name lists them.
+    forgetting
+        Forgetting factor of a sample; 1 is none.
+    forget
+        exponential, directional or resetting.
+    walk
+        How far coefficients wander in a second (kalman): a share of their size such as 0.01, or
+        a1=0.1 for one of them in its own unit; may be repeated.
+    filter
+        Coefficients of the filter's denominator, the highest power first, such as 1,5,6; by default
+        it is chosen from the first samples.
+    start
+        Begin from this model.json in place of a search.
+    on_change
+        When coefficients have moved: restart, or flag only.
+    samples
+        Samples that are collected for the first search.
+    clock
+        Seconds between two adaptations of filter and basis.
+    rate
+        Rate of the gradient.
+    gamma
+        Pole of the gradient's basis.
+    """
+
+    method: Annotated[str, method_option(metavar="NAME")] = "three-model"
+    forgetting: Annotated[float | None, method_option(metavar="X")] = None
     forget: Annotated[
         Literal["exponential", "directional", "resetting"] | None,
-        method_option("--forget", metavar="HOW", help="exponential, directional or resetting."),
+        method_option("--forget", metavar="HOW"),
     ] = None
-    walk: Annotated[
-        list[str] | None,
-        method_option(
-            "--walk",
-            metavar="X",
-            help="How far coefficients wander in a second (kalman): a share of their size such as "
-            "0.01, or a1=0.1 for one of them in its own unit; may be repeated.",
-        ),
-    ] = None
-    filter: Annotated[
-        str | None,
-        method_option(
-            "--filter",
-            metavar="C",
-            help="Coefficients of the filter's denominator, the highest power first, such as "
-            "1,5,6; by default it is chosen from the first samples.",
-        ),
-    ] = None
-    start: Annotated[
-        Path | None,
-        method_option(
-            "--start", metavar="FILE", help="Begin from this model.json in place of a search."
-        ),
-    ] = None
+    walk: Annotated[list[str] | None, method_option("--walk", metavar="X")] = None
+    filter: Annotated[str | None, method_option("--filter", metavar="C")] = None
+    start: Annotated[Path | None, method_option("--start", metavar="FILE")] = None
     on_change: Annotated[
-        Literal["restart", "flag"] | None,
-        method_option(
-            "--on-change",
-            metavar="HOW",
-            help="When coefficients have moved: restart, or flag only.",
-        ),
+        Literal["restart", "flag"] | None, method_option("--on-change", metavar="HOW")
     ] = None
-    samples: Annotated[
-        int | None,
-        method_option(
-            "--samples", min=1, metavar="N", help="Samples that are collected for the first search."
-        ),
-    ] = None
-    clock: Annotated[
-        float | None,
-        method_option(
-            "--clock", metavar="X", help="Seconds between two adaptations of filter and basis."
-        ),
-    ] = None
-    rate: Annotated[float | None, method_option(metavar="X", help="Rate of the gradient.")] = None
-    gamma: Annotated[
-        float | None, method_option(metavar="X", help="Pole of the gradient's basis.")
-    ] = None
+    samples: Annotated[int | None, method_option("--samples", min=1, metavar="N")] = None
+    clock: Annotated[float | None, method_option("--clock", metavar="X")] = None
+    rate: Annotated[float | None, method_option(metavar="X")] = None
+    gamma: Annotated[float | None, method_option(metavar="X")] = None
 
     def chosen(self) -> Estimator:
         """The estimator with the options that were given.

@@ -8,7 +8,7 @@ between any two of them leaves a whole that can be resumed.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -98,16 +98,9 @@ class Session:
     # -------------------------------------------------------------------------- saved and resumed
     def counts(self) -> dict[str, Any]:
         """Give what a checkpoint keeps of the place, as plain values."""
-        place = self.place
-        return {
-            "line": place.line,
-            "malformed": place.malformed,
-            "time": place.time,
-            "elapsed": place.elapsed,
-            "flags": self._flags,
-            "emitted": place.emitted,
-            "dropped": place.dropped,
-        }
+        kept = asdict(self.place) | {"flags": self._flags}
+        del kept["position"]  # it is that of the mark
+        return kept
 
     def timeline_here(self) -> dict[str, Any]:
         """Give the timeline as it was at the place, as plain values."""
@@ -422,17 +415,9 @@ class Session:
         if estimate is None:
             flags |= online.Flag.NOT_READY
         self._flags = 0
-        at = {
-            "number": self.place.emitted + 1,
-            "time": self.place.time,
-            "elapsed": self.place.elapsed,
-            "lines": self.place.line,
-            "malformed": self.place.malformed,
-        }
+        at = replace(self.place)
         here = (self.place.line, self.state.n_samples)
         self.repeats, self._told = here == self._told, here
         # whoever goes on puts a line of this number in the place of the last one
         self.place.emitted += not final
-        if self.place.dropped is not None:
-            at["dropped"] = self.place.dropped
         return line_of(self.state, estimate, str(self.refused or ""), flags, at, final)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Group
 from rich.live import Live
 
+from tridentify.cli.stream_question import StreamPlace
 from tridentify.cli.tables import make_table
 from tridentify.cli.terminal import error_console, say
 from tridentify.writing.layout import format_std, format_value, printable
@@ -103,7 +104,7 @@ def line_of(
     estimate: Estimate | None,
     why: str,
     flags: Flag,
-    at: Mapping[str, Any],
+    at: StreamPlace,
     final: bool,
 ) -> dict[str, Any]:
     """Describe where the estimation is, for one line of JSON.
@@ -117,8 +118,8 @@ def line_of(
         What is missing then.
     flags : Flag
         Everything that was flagged since the line before.
-    at : mapping
-        The line's number and time, the time since the first sample, and counts of what was read.
+    at : StreamPlace
+        How far the stream was read, and how many lines came out before.
     final : bool
         Whether the stream has ended.
 
@@ -132,8 +133,8 @@ def line_of(
     spread = [value if value or predicts else math.nan for value in state.noise_std.tolist()]
     noise = dict(zip(state.output_names, map(rounded, spread), strict=True))
     document: dict[str, Any] = {
-        "number": at["number"],
-        "time": at["time"],
+        "number": at.emitted + 1,
+        "time": at.time,
         "n_samples": state.n_samples,
         "ready": estimate is not None,
         "final": final,
@@ -158,19 +159,19 @@ def line_of(
             ),
             "status": estimate.status.name,
         }
-    lost = {"dropped": at["dropped"]} if "dropped" in at else {}
+    lost = {} if at.dropped is None else {"dropped": at.dropped}
     return document | {
         "innovation_std": noise,
         "flags": flag_words(flags),
         "seen": flag_words(state.seen),
         "changes": list(state.changes[-LATEST:]),
         "change_times": [
-            rounded(at["time"] + at["elapsed"] * (sample / max(state.n_samples - 1, 1) - 1.0))
+            rounded(at.time + at.elapsed * (sample / max(state.n_samples - 1, 1) - 1.0))
             for sample in state.changes[-LATEST:]
         ],
         "n_changes": len(state.changes),
-        "lines": at["lines"],
-        "malformed": at["malformed"],
+        "lines": at.line,
+        "malformed": at.malformed,
         **lost,
     }
 

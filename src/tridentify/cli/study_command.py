@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tridentify.cli.terminal import Activity, plain, show, show_json
-from tridentify.cli.work import at_work, describe_files
+from tridentify.cli.work import at_work, chosen_workers, describe_files
 from tridentify.errors import OptionError, shown
-from tridentify.writing.files import write_atomically
+from tridentify.writing.files import write_atomically, write_json
 
 if TYPE_CHECKING:
     from tridentify.studies import Study, StudyResult
@@ -25,52 +24,13 @@ TABLE, STATISTICS = "table", "statistics"
 
 
 def study(
-    name: Annotated[
-        str,
-        typer.Argument(
-            metavar="NAME|FILE.toml",
-            help="Which one, or a file that declares one; a wrong name lists them.",
-        ),
-    ],
-    draws: Annotated[
-        int | None,
-        typer.Option(
-            min=1, metavar="N", help="Noise draws; by default 200, or what the file says."
-        ),
-    ] = None,
-    seed: Annotated[
-        int | None,
-        typer.Option(
-            min=0, metavar="N", help="Seed of all draws; by default 0, or what the file says."
-        ),
-    ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            metavar="N",
-            help="Processes; by default as many as processors. The result does not depend on it.",
-        ),
-    ] = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(
-            metavar="URL",
-            help="A Dask scheduler, such as tcp://host:8786, whose workers make the draws of a "
-            "file. The result does not depend on it.",
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="Write the table, the numbers and the pictures there. The draws of a file are "
-            "appended as they are done: a run that was ended goes on from there.",
-        ),
-    ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object instead of the table.")
-    ] = False,
+    name: Annotated[str, typer.Argument(metavar="NAME|FILE.toml")],
+    draws: Annotated[int | None, typer.Option(min=1, metavar="N")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, metavar="N")] = None,
+    workers: Annotated[int | None, typer.Option(min=1, metavar="N")] = None,
+    scheduler: Annotated[str | None, typer.Option(metavar="URL")] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR")] = None,
+    as_json: Annotated[bool, typer.Option("--json")] = False,
 ) -> None:
     """Run a study over many noise draws.
 
@@ -79,14 +39,29 @@ def study(
     Example: tridentify study efficiency.toml --workers 2 --out efficiency
 
     Example: tridentify study efficiency.toml --scheduler tcp://127.0.0.1:8786 --out efficiency
+
+    Parameters
+    ----------
+    name
+        Which one, or a file that declares one; a wrong name lists them.
+    draws
+        Noise draws; by default 200, or what the file says.
+    seed
+        Seed of all draws; by default 0, or what the file says.
+    workers
+        Processes; by default as many as processors. The result does not depend on it.
+    scheduler
+        A Dask scheduler, such as tcp://host:8786, whose workers make the draws of a file. The
+        result does not depend on it.
+    out
+        Write the table, the numbers and the pictures there. The draws of a file are appended as
+        they are done: a run that was ended goes on from there.
+    as_json
+        Print one JSON object instead of the table.
     """
     from tridentify.studies import STUDIES
 
-    if workers is not None and scheduler is not None:
-        raise OptionError(
-            "found --workers beside --scheduler; expected one of them: the scheduler knows its "
-            "workers; leave one out"
-        )
+    hands = chosen_workers(workers, scheduler)
     if name in STUDIES and scheduler is not None:
         raise OptionError(
             f"found --scheduler with {shown(name)}, which is a program and no file; expected it "
@@ -97,7 +72,7 @@ def study(
             STUDIES[name], DRAWS if draws is None else draws, seed or 0, workers, out
         )
     else:
-        result, written = _declared(_file(name), draws, seed, scheduler or workers, out)
+        result, written = _declared(_file(name), draws, seed, hands, out)
     if as_json:
         show_json(plain(result.to_dict()) | {"files": [str(path) for path in written]})
     else:
@@ -145,10 +120,9 @@ def _declared(
 
 
 def _write(result: StudyResult, folder: Path, text: str, document: str) -> tuple[Path, ...]:
-    numbers = json.dumps(plain(result.to_dict()), indent=1, allow_nan=False)
     return (
         write_atomically(folder / f"{text}.txt", result.table() + "\n"),
-        write_atomically(folder / f"{document}.json", numbers + "\n"),
+        write_json(folder / f"{document}.json", plain(result.to_dict())),
     )
 
 

@@ -69,8 +69,12 @@ def make_table(titles: Sequence[str], groups: Iterable[Iterable[Sequence[str]]])
 def coefficient_table(estimate: Estimate) -> Table:
     """Coefficients, then what follows from them, then what was estimated along."""
     titles = ("coefficient", "value", "std error", "95 % from", "to", "unit")
-    named = [_row(item, estimate.held_note(item.name)) for item in estimate.parameters.values()]
-    groups = [[_row(item) for item in group] for group in (derived(estimate), along(estimate))]
+    named = [
+        parameter_row(item, estimate.held_note(item.name)) for item in estimate.parameters.values()
+    ]
+    groups = [
+        [parameter_row(item) for item in group] for group in (derived(estimate), along(estimate))
+    ]
     return make_table(titles, [group for group in (named, *groups) if group])
 
 
@@ -251,8 +255,9 @@ def _outliers(estimate: Estimate) -> dict[str, Any]:
     return {"count": len(estimate.outliers), "by_output": counts}
 
 
-def _row(item: Parameter, held: str = "") -> tuple[str, ...]:
-    if not item.determined:
+def parameter_row(item: Parameter, held: str = "") -> tuple[str, ...]:
+    """Name, value, error (or why it has none), 95 % interval and unit of a parameter."""
+    if not item.determined or math.isnan(item.value):
         return short(item.name, IN_TABLES), NOT_DETERMINED, "", "", "", short(item.unit, IN_TABLES)
     ends = [format_value(end, item.std) for end in item.interval()] if item.std > 0 else ["", ""]
     value, std = format_value(item.value, item.std), format_std(item.std) or held

@@ -12,8 +12,6 @@ from rich.table import Table
 
 from tridentify.cli import options
 from tridentify.cli.groups import Reading
-from tridentify.cli.load import load
-from tridentify.cli.run import load_compiled
 from tridentify.cli.stored_models import model_file
 from tridentify.cli.tables import describe_findings, describe_records, make_table
 from tridentify.cli.terminal import Activity, paragraph
@@ -23,100 +21,76 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.validation import Validation
 from tridentify.record.checks.samples import Intersample
 from tridentify.record.record import Record
-from tridentify.writing.files import write_atomically
+from tridentify.writing.files import write_json
 from tridentify.writing.layout import format_p
 
 NOT_TRUSTED = 1
 
-ModelFile = Annotated[
-    Path,
-    typer.Argument(
-        metavar="MODEL",
-        help="model.json, as identify --out or save writes it, or the folder of identify --out.",
-    ),
-]
-Files = Annotated[
-    list[Path],
-    typer.Argument(
-        metavar="FILE",
-        help="The file that was identified, or another one; several are several experiments.",
-    ),
-]
-Inputs = Annotated[
-    list[str] | None,
-    options.record_option(
-        "--input",
-        metavar="NAME",
-        help="Column of an input, in the order of the model's; by default by the model's names.",
-    ),
-]
-Outputs = Annotated[
-    list[str] | None,
-    options.record_option(
-        "--output",
-        metavar="NAME",
-        help="Column of an output, in the order of the model's; by default by the model's names.",
-    ),
-]
-Held = Annotated[
-    Intersample | None,
-    options.record_option(
-        metavar="HOW",
-        help="What the input does between samples: zoh, foh or band-limited; by default as when "
-        "the model was identified.",
-    ),
-]
-Experiment = Annotated[
-    int | None,
-    options.record_option(
-        metavar="N",
-        help="The file is experiment N of the model (1 is the first): its offset and initial state "
-        "are used. By default they are fitted, unless the files are those that were identified.",
-    ),
-]
-Level = Annotated[
-    float,
-    options.result_option(
-        metavar="P", help="Probability that a right model passes all tests together."
-    ),
-]
-Out = Annotated[
-    Path | None,
-    options.result_option(
-        metavar="DIR", help="Write report.html, validation.json and the pictures into this folder."
-    ),
-]
-Check = Annotated[
-    bool,
-    options.result_option(
-        "--check", help=f"Exit with code {NOT_TRUSTED} if anything serious is found."
-    ),
-]
+
+Held = Annotated[Intersample | None, options.record_option(metavar="HOW")]
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Columns of the channels of a model.
+
+    Attributes
+    ----------
+    inputs
+        Column of an input, in the order of the model's; by default by the model's names.
+    outputs
+        Column of an output, in the order of the model's; by default by the model's names.
+    """
+
+    inputs: Annotated[list[str] | None, options.record_option("--input", metavar="NAME")] = None
+    outputs: Annotated[list[str] | None, options.record_option("--output", metavar="NAME")] = None
 
 
 @dataclass(frozen=True)
 class ReadAsBefore(Reading):
-    """The same, the input as when the model was identified."""
+    """The same, the input as when the model was identified.
+
+    Attributes
+    ----------
+    intersample
+        What the input does between samples: zoh, foh or band-limited; by default as when the model
+        was identified.
+    """
 
     intersample: Held = None  # type: ignore[assignment]
 
 
 def validate(
-    model: ModelFile,
-    files: Files,
+    model: Annotated[Path, typer.Argument(metavar="MODEL")],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE")],
     *,
-    inputs: Inputs = None,
-    outputs: Outputs = None,
+    columns: Columns,
     reading: ReadAsBefore,
-    experiment: Experiment = None,
-    level: Level = 0.99,
-    out: Out = None,
+    experiment: Annotated[int | None, options.record_option(metavar="N")] = None,
+    level: Annotated[float, options.result_option(metavar="P")] = 0.99,
+    out: Annotated[Path | None, options.result_option(metavar="DIR")] = None,
     as_json: options.AsJson = False,
-    check: Check = False,
+    check: Annotated[bool, options.result_option("--check")] = False,
 ) -> None:
     """Test whether a model explains records but for noise, and say what it misses.
 
     Example: tridentify validate result/model.json flight.csv
+
+    Parameters
+    ----------
+    model
+        model.json, as identify --out or save writes it, or the folder of identify --out.
+    files
+        The file that was identified, or another one; several are several experiments.
+    experiment
+        The file is experiment N of the model (1 is the first): its offset and initial state are
+        used. By default they are fitted, unless the files are those that were identified.
+    level
+        Probability that a right model passes all tests together.
+    out
+        Write report.html, validation.json and the pictures into this folder.
+    check
+        Exit with code 1 if anything serious is found.
     """
     from tridentify.judgement.validation import validate as judge
 
@@ -124,17 +98,14 @@ def validate(
     estimate = Estimate.load(model_file(model, order, files))
     source = reading.source(
         files,
-        columns_of("input", inputs, estimate.input_names),
-        columns_of("output", outputs, estimate.output_names),
+        columns_of("input", columns.inputs, estimate.input_names),
+        columns_of("output", columns.outputs, estimate.output_names),
         cast("Intersample", estimate.intersample) if reading.intersample is None else None,
     )
     with at_work(out) as work:
         activity = work.activity
-        records = [
-            renamed(record, estimate.input_names, estimate.output_names)
-            for record in load(source, activity)
-        ]
-        load_compiled(activity)
+        channels = estimate.input_names, estimate.output_names
+        records = [renamed(record, *channels) for record in work.records(source)]
         activity.stage("testing the residual")
         which = _experiment(estimate, records, experiment)
         found = judge(estimate, records, experiment=which, level=level)
@@ -172,9 +143,8 @@ def renamed(record: Record, inputs: Sequence[str], outputs: Sequence[str]) -> Re
         return record
     kept = [*zip(old, new, strict=True), *((r, r) for r in record.reference_names)]
     units = {b: record.units[a] for a, b in kept if a in record.units}
-    sampling = {"t": record.t} if record.dt is None else {"dt": record.dt}
-    if record.dt is not None and record.t[0]:
-        sampling = {"t": record.t}
+    by_step = record.dt is not None and not record.t[0]
+    sampling = {"dt": record.dt} if by_step else {"t": record.t}
     return Record(
         record.u,
         record.y,
@@ -217,13 +187,10 @@ def _write(
     folder: Path,
     activity: Activity,
 ) -> None:
-    import json
-
     from tridentify.report import write_validation_report
 
     activity.stage("writing the report and the figures")
-    text = json.dumps(found.to_dict(), indent=1, allow_nan=False)
-    write_atomically(folder / "validation.json", text + "\n")
+    write_json(folder / "validation.json", found.to_dict())
     page = folder / "report.html"
     write_validation_report(estimate, found, records, page, experiment=which, figures=folder)
 

@@ -10,8 +10,12 @@ from typing import Any
 
 from rich.table import Table
 
+from tridentify.cli.load import RecordSource, load
 from tridentify.cli.results import ResultFolder
+from tridentify.cli.run import load_compiled
 from tridentify.cli.terminal import Activity, paragraph, show, show_json
+from tridentify.errors import OptionError
+from tridentify.record.record import Record
 
 
 @dataclass
@@ -31,6 +35,12 @@ class Work:
     activity: Activity
     results: ResultFolder | None
     written: tuple[Path, ...] = ()
+
+    def records(self, source: RecordSource) -> list[Record]:
+        """Read the records, and load what is compiled."""
+        found = load(source, self.activity)
+        load_compiled(self.activity)
+        return found
 
     def publish(self, write: Callable[[Path], object]) -> None:
         """Write results into a folder that appears when it is complete, if one was asked for."""
@@ -57,6 +67,22 @@ def at_work(out: Path | None) -> Iterator[Work]:
     with ExitStack() as stack:
         results = None if out is None else stack.enter_context(ResultFolder(out))
         yield Work(stack.enter_context(Activity()), results)
+
+
+def chosen_workers(workers: int | None, scheduler: str | None) -> int | str | None:
+    """Who does the work: so many processes, or the workers of a scheduler.
+
+    Raises
+    ------
+    OptionError
+        Both are named.
+    """
+    if workers is not None and scheduler is not None:
+        raise OptionError(
+            "found --workers beside --scheduler; expected one of them: the scheduler knows its "
+            "workers; leave one out"
+        )
+    return scheduler or workers
 
 
 def describe_files(written: Iterable[Path]) -> list[str]:

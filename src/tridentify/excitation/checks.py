@@ -104,6 +104,15 @@ def samples_of(label: str, time: float, dt: float, *, exact: bool = False) -> in
     return whole
 
 
+def _two(given: object) -> tuple[float, float]:
+    """Two numbers; nan for what is none."""
+    try:
+        low, high = (float(one) for one in given)  # type: ignore[attr-defined]
+    except (TypeError, ValueError):
+        return math.nan, math.nan
+    return low, high
+
+
 def levels_of(levels: object) -> tuple[float, float]:
     """Two different finite levels, lower first.
 
@@ -112,10 +121,7 @@ def levels_of(levels: object) -> tuple[float, float]:
     OptionError
         They are not.
     """
-    try:
-        low, high = (float(level) for level in levels)  # type: ignore[attr-defined]
-    except (TypeError, ValueError):
-        low = high = math.nan
+    low, high = _two(levels)
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise OptionError(
             f"found levels={shown(levels)}; expected two finite numbers, the lower one first; "
@@ -132,10 +138,7 @@ def band_of(band: object, highest: float = math.inf) -> tuple[float, float]:
     OptionError
         They are no band.
     """
-    try:
-        low, high = (float(edge) for edge in band)  # type: ignore[attr-defined]
-    except (TypeError, ValueError):
-        low = high = math.nan
+    low, high = _two(band)
     if not 0.0 <= low < high < math.inf:
         raise OptionError(
             f"found band={shown(band)}; expected two frequencies in rad/s, the lower one first; "

@@ -5,10 +5,10 @@ Its energy lies about ``2.33 / width`` [rad/s], see `tridentify.excitation.pulse
 
 from __future__ import annotations
 
-from tridentify.excitation.pulses import pulse_train
+from tridentify.excitation.pulses import Pulses, pulse_train
 from tridentify.excitation.signal import Excitation
 
-DOUBLET_WIDTH_TIMES_FREQUENCY = 2.3
+DOUBLET = Pulses((1, 1), 2.3, "doublet of 2 x")
 
 
 def doublet(
@@ -57,14 +57,4 @@ def doublet(
     >>> doublet(0.05, dt=0.02, for_frequency=4.6, lead=1.0, tail=5.0)
     Excitation(doublet of 2 x 0.5 s: 350 samples, 7 s, dt=0.02 s, zoh, u: 0.05)
     """
-    return pulse_train(
-        (1, 1),
-        amplitude,
-        width,
-        for_frequency,
-        DOUBLET_WIDTH_TIMES_FREQUENCY,
-        dt,
-        lead,
-        tail,
-        "doublet of 2 x",
-    )
+    return pulse_train(DOUBLET, amplitude, width, for_frequency, dt, lead, tail)

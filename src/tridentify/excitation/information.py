@@ -21,11 +21,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tridentify.errors import (
-    OrderError,
-    UndeterminedError,
-    UnsupportedError,
-)
+from tridentify.errors import OrderError, UndeterminedError, UnsupportedError
 from tridentify.estimation.knowledge.affine import Knowledge, known_of
 from tridentify.estimation.knowledge.fixed_denominator import fit, place
 from tridentify.estimation.knowledge.solve import problem_for

@@ -35,7 +35,7 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.trace import freeze_arrays
 from tridentify.estimation.knowledge.affine import known_of
 from tridentify.excitation.checks import count, positive, samples_of, vector
-from tridentify.excitation.design import Criterion, Design, SpectralLines, best_powers
+from tridentify.excitation.design import Criterion, SpectralLines, best_powers
 from tridentify.excitation.frequency import candidates, response_gradient
 from tridentify.excitation.information import coefficients_of, model_from
 from tridentify.excitation.multisine import multisine
@@ -373,27 +373,8 @@ def optimal_spectrum(
     models = _models(model, structure, like, theta, count("n_models", n_models), seed)
     points = _points(models, structure, like, omega, limits, noise, wanted)
     design = best_powers(points, criterion)
-    return _spectrum(
-        design, points, omega, limits, criterion, names, wanted, like, structure, noise, len(models)
-    )
-
-
-def _spectrum(
-    design: Design,
-    points: SpectralLines,
-    omega: Array,
-    limits: Array,
-    criterion: Criterion,
-    names: tuple[str, ...],
-    wanted: list[int],
-    like: TransferFunction,
-    structure: Structure,
-    noise: Array,
-    n_models: int,
-) -> Spectrum:
     shape = (omega.size, limits.size)
     outer = points.wanted @ points.factor(design.power)
-    errors = np.sqrt(np.mean(np.sum(outer**2, axis=2), axis=0))
     return Spectrum(
         omega,
         design.power.reshape(shape) * limits**2,
@@ -402,11 +383,11 @@ def _spectrum(
         criterion,
         tuple(names[k] for k in wanted),
         limits,
-        errors,
+        np.sqrt(np.mean(np.sum(outer**2, axis=2), axis=0)),
         like,
         structure,
         noise,
-        n_models,
+        len(models),
     )
 
 

@@ -24,13 +24,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tridentify.errors import (
-    ChannelCountError,
-    DelayError,
-    OptionError,
-    TridentifyError,
-    shown,
-)
+from tridentify.errors import ChannelCountError, DelayError, OptionError, TridentifyError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.excitation.checks import count
 from tridentify.excitation.information import (

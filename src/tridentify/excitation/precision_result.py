@@ -9,16 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from tridentify.errors import (
-    OptionError,
-    ParameterNameError,
-    UndeterminedError,
-    shown,
-)
+from tridentify.errors import OptionError, ParameterNameError, UndeterminedError, shown
 from tridentify.estimation.answer.trace import freeze_arrays
-from tridentify.excitation.information import (
-    Information,
-)
+from tridentify.excitation.information import Information
 from tridentify.numerics.arrays import Array
 from tridentify.writing.layout import format_std, format_table, format_value, html_table
 

@@ -9,7 +9,7 @@ that band, where it is also told from what lies above (Jategaonkar 2006, chapter
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,34 +18,45 @@ from tridentify.excitation.checks import not_negative, positive, samples_of
 from tridentify.excitation.signal import Excitation
 
 
+class Pulses(NamedTuple):
+    """Pulses of alternating sign.
+
+    Attributes
+    ----------
+    units : tuple of int
+        Length of each pulse, in units.
+    per_frequency : float
+        Unit times natural frequency of the mode that is to be excited.
+    what : str
+        Name of the signal.
+    """
+
+    units: tuple[int, ...]
+    per_frequency: float
+    what: str
+
+
 def pulse_train(
-    units: Sequence[int],
+    pulses: Pulses,
     amplitude: float,
     width: float | None,
     for_frequency: float | None,
-    per_frequency: float,
     dt: float,
     lead: float,
     tail: float,
-    what: str,
 ) -> Excitation:
     """Pulses of alternating sign, each a whole number of units long, at rest before and after.
 
     Parameters
     ----------
-    units : sequence of int
-        Length of each pulse, in units.
+    pulses : Pulses
     amplitude : float
         Of the first pulse; its sign is the first pulse's.
     width, for_frequency : float, optional
         The unit [s], or the natural frequency of the mode that is to be excited [rad/s]; one of
         the two.
-    per_frequency : float
-        Unit times natural frequency.
     dt, lead, tail : float
         Sampling interval, rest before and after [s].
-    what : str
-        Name of the signal.
     """
     dt = positive("dt", dt)
     if (width is None) == (for_frequency is None):
@@ -54,7 +65,7 @@ def pulse_train(
             "the width of a pulse [s], or the natural frequency of the mode [rad/s]"
         )
     if width is None:
-        width = per_frequency / positive("for_frequency", for_frequency)
+        width = pulses.per_frequency / positive("for_frequency", for_frequency)
     unit = samples_of("width", positive("width", width), dt)
     if not np.isfinite(amplitude) or amplitude == 0:
         raise OptionError(
@@ -63,7 +74,7 @@ def pulse_train(
     lead_samples = round(not_negative("lead", lead) / dt)
     tail_samples = round(not_negative("tail", tail) / dt)
     parts = [np.zeros(lead_samples)]
-    for k, length in enumerate(units):
+    for k, length in enumerate(pulses.units):
         parts.append(np.full(length * unit, amplitude * (-1.0) ** k))
     parts.append(np.zeros(tail_samples))
-    return Excitation(np.concatenate(parts), dt, "zoh", f"{what} {unit * dt:.6g} s")
+    return Excitation(np.concatenate(parts), dt, "zoh", f"{pulses.what} {unit * dt:.6g} s")

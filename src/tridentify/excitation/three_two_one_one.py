@@ -7,10 +7,10 @@ is left over.
 
 from __future__ import annotations
 
-from tridentify.excitation.pulses import pulse_train
+from tridentify.excitation.pulses import Pulses, pulse_train
 from tridentify.excitation.signal import Excitation
 
-WIDTH_TIMES_FREQUENCY = 1.6
+PULSES = Pulses((3, 2, 1, 1), 1.6, "3-2-1-1 of")
 
 
 def three_two_one_one(
@@ -58,14 +58,4 @@ def three_two_one_one(
     >>> three_two_one_one(1.0, 1.0, dt=1.0).u.ravel().tolist()
     [1.0, 1.0, 1.0, -1.0, -1.0, 1.0, -1.0]
     """
-    return pulse_train(
-        (3, 2, 1, 1),
-        amplitude,
-        width,
-        for_frequency,
-        WIDTH_TIMES_FREQUENCY,
-        dt,
-        lead,
-        tail,
-        "3-2-1-1 of",
-    )
+    return pulse_train(PULSES, amplitude, width, for_frequency, dt, lead, tail)

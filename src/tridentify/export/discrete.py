@@ -30,13 +30,7 @@ from typing import Literal
 import numpy as np
 import scipy.linalg
 
-from tridentify.errors import (
-    OptionError,
-    ScaleError,
-    TridentifyError,
-    UnsupportedError,
-    shown,
-)
+from tridentify.errors import OptionError, ScaleError, TridentifyError, UnsupportedError, shown
 from tridentify.models.simulate import realize
 from tridentify.numerics.arrays import Array
 from tridentify.transfer_function import TransferFunction

@@ -11,8 +11,6 @@ from tridentify.errors import ConvergenceError, IdentifiabilityError, Tridentify
 from tridentify.estimation.answer.assemble import fingerprint
 from tridentify.fleet.job import BAD_INPUT, FAULT, NO_ANSWER, OVER_MEMORY, Item, Job
 
-__all__ = ["OnRecords", "attempted", "described"]
-
 
 @dataclass(frozen=True)
 class OnRecords:

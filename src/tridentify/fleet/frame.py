@@ -13,7 +13,6 @@ from typing import Any
 from tridentify.errors import MissingDependencyError, SampleTypeError
 from tridentify.estimation.methods.base import Method
 from tridentify.fleet.attempt import OnRecords, attempted
-from tridentify.fleet.job import Item
 from tridentify.fleet.rows import COLUMNS, Fit, fit_row, to_frame
 from tridentify.fleet.sources import items_of
 from tridentify.fleet.workers.children import WORKERS
@@ -25,8 +24,6 @@ from tridentify.record.checks.samples import Intersample
 from tridentify.record.formats.assemble import Wanted
 from tridentify.structure import AutoStructure, Structure
 from tridentify.writing.views import pandas_frame
-
-__all__ = ["arrow_schema", "ddl", "fit_frame"]
 
 WHOLE = "__unit__"
 """Column that marks a frame as one unit, for as long as it is worked on."""
@@ -108,16 +105,12 @@ def fit_frame(
         table, key = table.with_columns(pl.lit("").alias(WHOLE)), WHOLE
     items = list(items_of(table, key)[0])
     if time_limit is None:
-        outcomes = [_here(job, item) for item in items]
+        outcomes = [Outcome(item, **attempted(job, item)) for item in items]
     else:
         limits = checked_limits(time_limit, memory_limit)
         with WORKERS.keeper(limits) as keeper:
             outcomes = list(keeper.outcomes(OnRecords(job), items))
     return _like(frame, [fit_row(one) for one in outcomes])
-
-
-def _here(job: Fit, item: Item) -> Outcome:
-    return Outcome(item, **attempted(job, item))
 
 
 def _polars(frame: Any) -> Any:

@@ -37,8 +37,6 @@ from tridentify.record.formats.assemble import Wanted
 from tridentify.record.record import Record
 from tridentify.structure import AutoStructure, Structure
 
-__all__ = ["Local", "Piece", "local_pieces", "summable"]
-
 
 @dataclass(frozen=True, eq=False)
 class Piece:

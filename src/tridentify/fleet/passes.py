@@ -22,8 +22,6 @@ from tridentify.fleet.workers.dispatch import Batches, Lost, dispatch
 from tridentify.fleet.workers.engines import Engine
 from tridentify.fleet.workers.job import Limits
 
-__all__ = ["Sums", "add_batch", "pieces_of", "summed"]
-
 
 @dataclass(frozen=True, eq=False)
 class Sums:

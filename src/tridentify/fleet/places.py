@@ -5,27 +5,20 @@ from __future__ import annotations
 import hashlib
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from tridentify import errors
-from tridentify.errors import (
-    SampleTypeError,
-    TridentifyError,
-    UnreadableFileError,
-    shown,
-)
+from tridentify.errors import SampleTypeError, TridentifyError, UnreadableFileError, shown
 from tridentify.record.formats.assemble import Wanted, record_from
 from tridentify.record.formats.frames import record_from_frame
 from tridentify.record.formats.read import opened
 from tridentify.record.record import Record
 from tridentify.writing.layout import printable
-
-__all__ = ["File", "FrameRows", "Given", "Rows", "Unusable"]
 
 MOST_HASHED = 1 << 26
 """Bytes of an unreadable file that its fingerprint is made of; of a larger one the first of them
@@ -131,11 +124,7 @@ class FrameRows:
     """
 
     content: bytes = field(repr=False)
-
-    @property
-    def label(self) -> str:
-        """Nothing: it is no file."""
-        return ""
+    label: ClassVar[str] = ""
 
     def records(self, wanted: Wanted) -> tuple[Record, ...]:
         """The rows as a record.
@@ -164,11 +153,7 @@ class Given:
     """
 
     given: tuple[Record, ...] = field(repr=False)
-
-    @property
-    def label(self) -> str:
-        """Nothing: it is no file."""
-        return ""
+    label: ClassVar[str] = ""
 
     def records(self, wanted: Wanted) -> tuple[Record, ...]:
         """They."""
@@ -237,19 +222,10 @@ def columns_of(wanted: Wanted) -> tuple[str, ...] | None:
 
 def record_of_frame(frame: Any, wanted: Wanted) -> Record:
     """One experiment from a frame."""
-    return record_from_frame(
-        frame,
-        time=wanted.time,
-        dt=wanted.dt,
-        inputs=wanted.inputs,
-        outputs=wanted.outputs,
-        references=wanted.references,
-        intersample=wanted.intersample,
-        reference_intersample=wanted.reference_intersample,
-        units=wanted.units,
-        start=wanted.start,
-        stop=wanted.stop,
-    )
+    # a frame has one clock
+    asked = {one.name: getattr(wanted, one.name) for one in fields(wanted)}
+    del asked["instants"]
+    return record_from_frame(frame, **asked)
 
 
 def rows_of(path: str, columns: tuple[str, ...] | None, start: int, count: int) -> Any:

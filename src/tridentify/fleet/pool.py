@@ -38,8 +38,6 @@ from tridentify.fleet.local import Piece
 from tridentify.numerics.arrays import Array
 from tridentify.writing.layout import format_table
 
-__all__ = ["FALSE_ALARMS", "Pool", "pooled"]
-
 FALSE_ALARMS = 0.002
 """Share of sound units that are said to deviate: two in a thousand, well below the 0.5 % at which a
 list of them is read no more."""
@@ -224,7 +222,8 @@ def pooled(look: Look, names: Sequence[str], own: Mapping[str, Sequence[float]])
         kept = [k for k, key in enumerate(keys) if key in pieces]
         keys, phi, alike, theta = [keys[k] for k in kept], phi[kept], alike[kept], theta[kept]
         said = _said([pieces[key] for key in keys], phi, scale.slope(theta))
-        population = population or _first(said, phi)
+        # about where the search begins, as wide as a unit alone is uncertain
+        population = population or _Population(phi[0], said.least / LEAST)
         population, alike, tail = _settled(said, population, alike)
         phi, variance = _posterior(said, population)
     assert population is not None
@@ -287,11 +286,6 @@ def _unexplained(one: Array) -> float:
     scores, residual = one[:, :-1], one[:, -1]
     left = residual - scores @ np.linalg.lstsq(scores, residual, rcond=1e-10)[0]
     return float(left @ left)
-
-
-def _first(said: _Said, phi: Array) -> _Population:
-    """About where the search begins, and as wide as a unit alone is uncertain."""
-    return _Population(phi[0], said.least / LEAST)
 
 
 def _posterior(said: _Said, population: _Population) -> tuple[Array, Array]:

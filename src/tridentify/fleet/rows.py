@@ -27,8 +27,6 @@ from tridentify.record.record import Record
 from tridentify.structure import AutoStructure, Structure
 from tridentify.writing.layout import as_call
 
-__all__ = ["COLUMNS", "Fit", "fit_row", "packed", "row_of", "to_frame", "unpacked"]
-
 COLUMNS: Mapping[str, str] = MappingProxyType(
     {
         "key": "text",

@@ -34,8 +34,6 @@ from tridentify.writing.files import write_atomically
 from tridentify.writing.layout import format_table, format_value
 from tridentify.writing.views import FleetViews, pandas_frame
 
-__all__ = ["Run"]
-
 MOST_CAUSES = 8
 """Kinds of failures and cautions that a summary tells one by one."""
 

@@ -20,8 +20,6 @@ from tridentify.fleet.job import Item
 from tridentify.fleet.places import File, FrameRows, Rows, Unusable, place_of
 from tridentify.record.record import Record
 
-__all__ = ["Source", "items_of"]
-
 MOST_SPANS = 1000
 """Pieces that the rows of one key may lie in: more mean that the file is not sorted by key, and
 that each record would be picked from all of the file."""

@@ -29,8 +29,6 @@ from tridentify.record.checks.samples import Intersample
 from tridentify.record.formats.assemble import Instants, Wanted
 from tridentify.structure import AutoStructure, Structure
 
-__all__ = ["fit"]
-
 
 def fit(
     source: Any,

@@ -21,9 +21,7 @@ from typing import Any
 from tridentify.errors import OptionError, OutputPathError, UnreadableFileError, shown
 from tridentify.fleet.rows import schema, to_frame
 from tridentify.writing.files import outdated, write_atomically
-from tridentify.writing.lock import lock
-
-__all__ = ["Store", "write_part"]
+from tridentify.writing.lock import alone_in
 
 MANIFEST = "manifest.json"
 PARTS = "parts"
@@ -64,12 +62,7 @@ class Store:
                 f"found no way to make the folder {shown(str(self.folder))} "
                 f"({error.strerror or error}); expected one that can be written; choose another"
             ) from error
-        with lock(self.folder, patience=0.0) as held:
-            if not held:
-                raise OutputPathError(
-                    f"found another run at work in {shown(str(self.folder))}; expected one at a "
-                    "time; wait for it, or choose another folder"
-                )
+        with alone_in(self.folder):
             yield
 
     def begin(self, settings: Mapping[str, Any], *, resume: bool) -> tuple[str, ...]:

@@ -26,8 +26,6 @@ from tridentify.numerics.arrays import Array
 from tridentify.numerics.information import aicc_price
 from tridentify.writing.layout import format_table, format_value
 
-__all__ = ["Together", "chosen_nuisance", "joint"]
-
 MOST_PASSES = 40
 """Passes over the fleet; from the median of the units' own estimates six to ten are enough."""
 

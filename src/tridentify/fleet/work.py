@@ -17,8 +17,6 @@ from tridentify.fleet.store import write_part
 from tridentify.fleet.workers.children import WORKERS
 from tridentify.fleet.workers.job import Limits
 
-__all__ = ["Counts", "Task", "fit_batch"]
-
 
 @dataclass(frozen=True)
 class Task:

@@ -19,8 +19,6 @@ from tridentify.fleet.workers.dispatch import Batches, Lost, dispatch
 from tridentify.fleet.workers.engines import engine
 from tridentify.fleet.workers.job import CRASHED, Limits, Outcome
 
-__all__ = ["LOG", "MEMORY", "Progress", "Question", "checked_limits", "telling", "work_off"]
-
 MEMORY = 1 << 32
 """Memory of the process that works on one record [bytes]: its libraries take half a gigabyte of
 addresses, the rest is for a record of some ten million samples."""

@@ -212,14 +212,10 @@ def _in_words(
             abs(float(p) - x) < 1e3 * EXACT for p, x in zip(powers, row.tolist(), strict=True)
         )
         if exact and any(powers):
-            scale = _denominator(powers)
+            scale = int(np.lcm.reduce([p.denominator for p in powers]))
             pairs = zip(keep, powers, strict=True)
             found.append(tuple((names[i], p * scale) for i, p in pairs if p))
     return tuple(found)
-
-
-def _denominator(powers: Sequence[Fraction]) -> int:
-    return int(np.lcm.reduce([p.denominator for p in powers]))
 
 
 def echelon(rows: Array) -> Array:

@@ -18,7 +18,7 @@ from tridentify.plots.measured import draw_measured, whole_turns
 from tridentify.plots.over_time import wrapped
 from tridentify.uncertainty import ResponseBand, response_band, sample, sampled_response_band
 from tridentify.uncertainty.checks import checked_level
-from tridentify.writing.layout import IN_PICTURES, short, unit_ratio
+from tridentify.writing.layout import IN_PICTURES, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -132,21 +132,17 @@ def draw_magnitudes(
 
 def _decibels(band: ResponseBand, channel_: tuple[int, int]) -> Parts:
     own = (slice(None), *channel_)
+    line, low, high = (
+        part[own] for part in (band.magnitude, band.magnitude_low, band.magnitude_high)
+    )
     with np.errstate(divide="ignore"):
-        return (
-            20 * np.log10(band.magnitude[own]),
-            20 * np.log10(band.magnitude_low[own]),
-            20 * np.log10(band.magnitude_high[own]),
-        )
+        return 20 * np.log10(line), 20 * np.log10(low), 20 * np.log10(high)
 
 
 def _degrees(band: ResponseBand, channel_: tuple[int, int]) -> Parts:
     own = (slice(None), *channel_)
-    return (
-        np.degrees(band.phase[own]),
-        np.degrees(band.phase_low[own]),
-        np.degrees(band.phase_high[own]),
-    )
+    line, low, high = (part[own] for part in (band.phase, band.phase_low, band.phase_high))
+    return np.degrees(line), np.degrees(low), np.degrees(high)
 
 
 def _band(line: Line, grid: Array, level: float) -> ResponseBand:
@@ -177,10 +173,7 @@ def _on_one_branch(degrees: Sequence[Parts]) -> list[Parts]:
 
 
 def _name_magnitude(magnitude: Axes, named: Line, channel_: tuple[int, int]) -> None:
-    output, input_ = named.output_names[channel_[0]], named.input_names[channel_[1]]
-    unit = ""
-    if output in named.units and input_ in named.units:
-        unit = unit_ratio(named.units[output], named.units[input_])
+    unit = style.channel_unit(named, *channel_)
     reference = f" re {short(unit, IN_PICTURES)}" if unit not in ("", "-") else ""
     style.dress(
         magnitude,

@@ -17,7 +17,15 @@ from tridentify.numerics.arrays import Array
 from tridentify.plots.bode import default_frequencies, draw_magnitudes
 from tridentify.plots.lines import Line, lines_of, named_first
 from tridentify.plots.over_time import wrapped
-from tridentify.plots.style import BLACK, Panels, cycle_colour, dress, literal, make_axes
+from tridentify.plots.style import (
+    BLACK,
+    Panels,
+    cycle_colour,
+    dress,
+    literal,
+    make_axes,
+    place_above,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -211,26 +219,12 @@ def _draw(ax: Axes, y: Array, centre: Array, half: Array, k: int, label: str, re
     colour, marker = cycle_colour(k), MARKERS[k % len(MARKERS)]
     low, high = centre - half[:, 0], centre + half[:, 1]
     known = np.isfinite(low) & np.isfinite(high)
-    ax.hlines(
-        y[known],
-        np.maximum(low[known], -2 * reach),
-        np.minimum(high[known], 2 * reach),
-        color=colour,
-        linewidth=1.8,
-        alpha=0.8,
-    )
-    ax.plot(
-        centre, y, linestyle="none", marker=marker, markersize=5, color=colour, label=literal(label)
-    )
+    ends = np.maximum(low[known], -2 * reach), np.minimum(high[known], 2 * reach)
+    ax.hlines(y[known], *ends, color=colour, linewidth=1.8, alpha=0.8)
+    ax.plot(centre, y, marker, markersize=5, color=colour, label=literal(label))
     for side, beyond in ((-1.0, low < -reach), (1.0, high > reach)):
-        ax.plot(
-            np.full(int(beyond.sum()), side * 0.985 * reach),
-            y[beyond],
-            linestyle="none",
-            marker="<" if side < 0 else ">",
-            markersize=5,
-            color=colour,
-        )
+        at = np.full(int(beyond.sum()), side * 0.985 * reach)
+        ax.plot(at, y[beyond], "<" if side < 0 else ">", markersize=5, color=colour)
 
 
 def _row(name: str, value: float, size: float, relative: bool) -> str:
@@ -244,13 +238,4 @@ def _legend(ax: Axes, labels: Sequence[str]) -> None:
     """Above the axes, in as many columns as fit."""
     longest = max(len(label) for label in labels)
     columns = max(1, min(len(labels), NARROW // (longest + 6)))
-    ax.legend(
-        loc="lower left",
-        bbox_to_anchor=(0.0, 1.0),
-        ncols=columns,
-        fontsize=9,
-        frameon=False,
-        borderaxespad=0.1,
-        handlelength=1.2,
-        columnspacing=1.2,
-    )
+    place_above(ax, "lower left", columns, handlelength=1.2)

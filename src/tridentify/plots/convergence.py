@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -80,10 +80,8 @@ def _draw_distances(
         known = np.isfinite(std) and std > 0
         scale = std if known else (abs(estimate.theta[k]) or 1.0)
         distance = np.abs(path[:, k] - estimate.theta[k]) / scale
-        colour, marker = (
-            style.CYCLE[k % len(style.CYCLE)],
-            MARKERS[(k + k // len(style.CYCLE)) % len(MARKERS)],
-        )
+        colour = style.cycle_colour(k)
+        marker = MARKERS[(k + k // len(style.CYCLE)) % len(MARKERS)]
         label = short(name, LONGEST_NAME if known else LONGEST_NAME - 11)
         label = style.literal(label if known else f"{label} (relative)")
         _log_line(ax, numbers, distance, colour, marker, label)
@@ -114,15 +112,9 @@ def _finish(axes: Sequence[Axes], numbers: np.ndarray[tuple[int], np.dtype[np.in
     for ax in (axes[0], axes[2]):
         if ax.get_legend_handles_labels()[1]:
             # above the axes, where it can cover no line
-            ax.legend(
-                fontsize=8,
-                frameon=False,
-                loc="lower left",
-                bbox_to_anchor=(0.0, 1.0),
-                ncols=COLUMNS,
-                columnspacing=1.0,
-                borderaxespad=0.1,
-            )
+            above: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0)}
+            above |= {"columnspacing": 1.0, "borderaxespad": 0.1}
+            ax.legend(fontsize=8, frameon=False, ncols=COLUMNS, **above)
         else:
             ax.text(0.5, 0.5, "nothing to show", transform=ax.transAxes, ha="center", fontsize=9)
     axes[-1].xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))

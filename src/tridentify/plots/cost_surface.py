@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -259,38 +259,14 @@ def _draw_surface(ax: Axes, surface: CostSurface, estimate: Estimate) -> None:
 
 def _mark(ax: Axes, at: Array, marker: str, colour: str, label: str) -> None:
     if marker in "x+":
-        ax.plot(
-            [at[0]],
-            [at[1]],
-            linestyle="none",
-            marker=marker,
-            markersize=10,
-            color="white",
-            markeredgewidth=4.0,
-            zorder=4.5,
-        )
-    ax.plot(
-        [at[0]],
-        [at[1]],
-        linestyle="none",
-        marker=marker,
-        markersize=8,
-        markerfacecolor="white" if marker in "s*" else colour,
-        markeredgecolor=colour,
-        markeredgewidth=1.1 if marker in "s*" else 2.0,
-        label=label,
-        zorder=5,
-    )
+        behind: dict[str, Any] = {"color": "white", "markersize": 10, "markeredgewidth": 4.0}
+        ax.plot([at[0]], [at[1]], marker, zorder=4.5, **behind)
+    face, edge = ("white", 1.1) if marker in "s*" else (colour, 2.0)
+    look: dict[str, Any] = {"markerfacecolor": face, "markeredgecolor": colour, "zorder": 5}
+    ax.plot([at[0]], [at[1]], marker, markersize=8, markeredgewidth=edge, label=label, **look)
 
 
 def _legend(ax: Axes) -> None:
     """Below the axes, where it covers nothing."""
-    ax.legend(
-        loc="upper center",
-        bbox_to_anchor=(0.5, -0.16),
-        ncols=2,
-        fontsize=8,
-        frameon=False,
-        borderaxespad=0.2,
-        columnspacing=1.2,
-    )
+    below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16)}
+    ax.legend(ncols=2, fontsize=8, frameon=False, borderaxespad=0.2, columnspacing=1.2, **below)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -138,16 +138,8 @@ def draw_output(
     draw_recorded(ax, record.t, record.y[:, output], inked)
     draw_response(ax, record.t, response, (style.ORANGE, "-", "model"), inked)
     if far.size:
-        ax.plot(
-            record.t[far],
-            record.y[far, output],
-            color=style.BLUE,
-            linestyle="none",
-            marker="o",
-            markersize=4.5,
-            markerfacecolor="none",
-            label="outlier",
-        )
+        how: dict[str, Any] = {"color": style.BLUE, "markersize": 4.5, "markerfacecolor": "none"}
+        ax.plot(record.t[far], record.y[far, output], "o", label="outlier", **how)
     style.dress(ax, ylabel=style.labelled(record.output_names[output], record.units))
 
 
@@ -172,14 +164,9 @@ def _turns(values: Array) -> int:
 
 def draw_recorded(ax: Axes, t: Array, y: Array, inked: bool) -> None:
     """Samples of an output as dots, or as a pale broad line where they are ink."""
-    ax.plot(
-        *style.course(t, y),
-        color=PALE if inked else style.GREY,
-        linewidth=WIDE if inked else 0.7,
-        marker="" if inked else ".",
-        markersize=3.5,
-        label="recorded",
-    )
+    colour, width, marker = (PALE, WIDE, "") if inked else (style.GREY, 0.7, ".")
+    look: dict[str, Any] = {"color": colour, "linewidth": width, "marker": marker}
+    ax.plot(*style.course(t, y), markersize=3.5, label="recorded", **look)
 
 
 def draw_response(ax: Axes, t: Array, y: Array, how: tuple[str, str, str], inked: bool) -> None:

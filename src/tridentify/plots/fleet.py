@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -69,7 +69,8 @@ def plot_fleet(run: Run, *, axes: Sequence[Axes] | None = None) -> style.Panels:
 def _draw(ax: Axes, name: str, values: Array, keys: Sequence[str], run: Run, number: int) -> None:
     low, high = np.quantile(values, [TAIL, 1.0 - TAIL])
     margin = 0.05 * (high - low) or 0.05 * abs(low) or 1.0
-    edges = np.linspace(low - margin, high + margin, _bins(values.size) + 1)
+    bins = int(min(max(np.sqrt(values.size), 8), MOST_BINS))
+    edges = np.linspace(low - margin, high + margin, bins + 1)
     inside = np.clip(values, edges[0], edges[-1])
     counts, _ = np.histogram(inside, edges)
     ax.stairs(counts, edges, fill=True, color=style.BLUE, alpha=0.55, label="own estimates")
@@ -77,36 +78,19 @@ def _draw(ax: Axes, name: str, values: Array, keys: Sequence[str], run: Run, num
     pool = run.population
     if pool is not None:
         at = np.linspace(edges[0], edges[-1], 300)
-        ax.plot(
-            at,
-            _density(at, pool.mean[number], pool.spread[number], bool(pool.logarithmic[number]))
-            * values.size
-            * (edges[1] - edges[0]),
-            color=style.GREEN,
-            linewidth=1.4,
-            label="population",
-        )
+        own = pool.mean[number], pool.spread[number], bool(pool.logarithmic[number])
+        expected = _density(at, *own) * values.size * (edges[1] - edges[0])
+        ax.plot(at, expected, color=style.GREEN, linewidth=1.4, label="population")
         apart = set(pool.outliers)
         where = [x for key, x in zip(keys, inside, strict=True) if key in apart]
         if where:
-            ax.plot(
-                where,
-                np.full(len(where), 0.03),
-                "|",
-                color=style.ORANGE,
-                markersize=9,
-                markeredgewidth=1.6,
-                transform=ax.get_xaxis_transform(),
-                label="deviates",
-            )
+            foot, level = np.full(len(where), 0.03), ax.get_xaxis_transform()
+            how: dict[str, Any] = {"color": style.ORANGE, "markersize": 9, "markeredgewidth": 1.6}
+            ax.plot(where, foot, "|", transform=level, label="deviates", **how)
     ax.set_xlim(edges[0], edges[-1])
     style.dress(ax, title=style.literal(name), ylabel="units")
     if number == 0:
         style.legend(ax, columns=4)
-
-
-def _bins(count: int) -> int:
-    return int(min(max(np.sqrt(count), 8), MOST_BINS))
 
 
 def _density(at: Array, centre: float, spread: float, logarithmic: bool) -> Array:

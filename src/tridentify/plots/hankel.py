@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -76,28 +76,21 @@ def plot_hankel(
     ):
         if which.any():
             ax.vlines(numbers[which], 0.5 * low, values[which], color=BLUE, linewidth=1.0)
-            ax.plot(
-                numbers[which],
-                values[which],
-                linestyle="none",
-                marker="o",
-                markersize=5.5,
-                markerfacecolor=face,
-                markeredgecolor=BLUE,
-                label=label,
-            )
+            how: dict[str, Any] = {
+                "markersize": 5.5,
+                "markerfacecolor": face,
+                "markeredgecolor": BLUE,
+            }
+            ax.plot(numbers[which], values[which], "o", label=label, **how)
     every = max(1, numbers.size // 12)
     ax.set_xticks(numbers[::every])
     ax.set_xlim(0.4, numbers.size + 0.6)
     ax.minorticks_off()
     count = hankel.order
     several = "value" if count == 1 else "values"
-    dress(
-        ax,
-        title=f"{count} {several} above the noise",
-        xlabel=f"number\nparallel model: {hankel.operators}",
-        ylabel="Hankel singular value,\ninput over noise [-]",
-    )
+    ylabel = "Hankel singular value,\ninput over noise [-]"
+    dress(ax, xlabel=f"number\nparallel model: {hankel.operators}", ylabel=ylabel)
+    dress(ax, title=f"{count} {several} above the noise")
     # the values fall from the left, so the upper right is free
     ax.legend(fontsize=8, loc="upper right", framealpha=0.9, edgecolor="none")
     return drawn

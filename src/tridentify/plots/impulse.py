@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy.typing as npt
 
 from tridentify.judgement.comparison.entries import Models
 from tridentify.numerics import delta_method
 from tridentify.plots.lines import Line
-from tridentify.plots.over_time import Reply, courses_of, draw_courses
-from tridentify.plots.style import Panels, legend, legend_columns, literal, make_axes
+from tridentify.plots.over_time import Reply, plot_replies
+from tridentify.plots.style import Panels, legend, legend_columns, literal
 from tridentify.uncertainty import impulse_band, sampled_impulse_band
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-IMPULSE = Reply("plot_impulse", delta_method.impulse_response, impulse_band, sampled_impulse_band)
+IMPULSE = Reply(
+    "plot_impulse",
+    delta_method.impulse_response,
+    impulse_band,
+    sampled_impulse_band,
+    "impulse",
+    1,
+)
 
 
 def plot_impulse(
@@ -65,15 +72,10 @@ def plot_impulse(
     A channel with as many zeros as poles passes the impulse on at once; the weight of that is
     written into the picture, and the curve is the rest.
     """
-    times, courses = courses_of(models, names, t, level, IMPULSE, axes)
-    lines = [course.line for course in courses]
-    n_outputs, n_inputs = lines[0].model.n_outputs, lines[0].model.n_inputs
-    drawn = make_axes(axes, [2.1] * (n_outputs * n_inputs))
-    draw_courses(drawn, times, courses, level, 1)
+    drawn, lines = plot_replies(models, names, t, level, IMPULSE, axes)
     for k, ax in enumerate(drawn):
-        _tell_direct(ax, lines, *divmod(k, n_inputs))
+        _tell_direct(ax, lines, *divmod(k, lines[0].model.n_inputs))
     legend(drawn[0], columns=legend_columns(drawn[0]))
-    drawn[-1].set_xlabel("time after the impulse [s]", fontsize=9)
     return drawn
 
 
@@ -86,13 +88,6 @@ def _tell_direct(ax: Axes, lines: Sequence[Line], output: int, input_: int) -> N
             whose = "" if line.together == 1 else f" ({line.label})"
             told.append(f"and an impulse of weight {num[0]:.4g} at once{whose}")
     if told:
-        ax.text(
-            0.985,
-            0.95,
-            literal("\n".join(told)),
-            transform=ax.transAxes,
-            fontsize=9,
-            ha="right",
-            va="top",
-            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5},
-        )
+        behind = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5}
+        corner: dict[str, Any] = {"transform": ax.transAxes, "ha": "right", "va": "top"}
+        ax.text(0.985, 0.95, literal("\n".join(told)), fontsize=9, bbox=behind, **corner)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +19,6 @@ from tridentify.plots.over_time import wrapped
 from tridentify.uncertainty import response_covariance
 from tridentify.uncertainty.checks import checked_level
 from tridentify.uncertainty.draws import frequency_values
-from tridentify.writing.layout import unit_ratio
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -221,15 +220,8 @@ def _draw_curve(ax: Axes, omega: Array, curve: Complex, half: float, line: Line)
     label = style.literal(line.label)
     ax.plot(shown.real, shown.imag, color=colour, linewidth=1.6, label=label, zorder=3)
     marked = _spaced(ax, curve, MARKED, 0.0)
-    ax.plot(
-        curve[marked].real,
-        curve[marked].imag,
-        linestyle="none",
-        marker="o",
-        markersize=3.5,
-        color=colour,
-        zorder=4,
-    )
+    at = curve[marked]
+    ax.plot(at.real, at.imag, "o", markersize=3.5, color=colour, zorder=4)
     for k in _spaced(ax, curve, 3, 0.35):
         ahead = curve[k + 1] - curve[k]
         if ahead:
@@ -288,13 +280,8 @@ def _spaced(ax: Axes, curve: Complex, count: int, offset: float) -> list[int]:
 def _inside(ax: Axes, curve: Complex) -> npt.NDArray[np.bool_]:
     low, high = ax.get_xlim()
     bottom, top = ax.get_ylim()
-    return np.asarray(
-        np.isfinite(curve)
-        & (curve.real > low)
-        & (curve.real < high)
-        & (curve.imag > bottom)
-        & (curve.imag < top)
-    )
+    across = (curve.real > low) & (curve.real < high)
+    return np.asarray(np.isfinite(curve) & across & (curve.imag > bottom) & (curve.imag < top))
 
 
 def _draw_critical(ax: Axes, half: float) -> None:
@@ -303,17 +290,8 @@ def _draw_critical(ax: Axes, half: float) -> None:
     ax.axvline(0.0, color="black", linewidth=0.6, zorder=0.5)
     low, high = ax.get_xlim()
     if low < -1.0 < high and half < 60.0:
-        ax.plot(
-            [-1.0],
-            [0.0],
-            marker="+",
-            markersize=10,
-            markeredgewidth=2.0,
-            color=style.ORANGE,
-            linestyle="none",
-            label="-1",
-            zorder=5,
-        )
+        point: dict[str, Any] = {"markersize": 10, "markeredgewidth": 2.0, "color": style.ORANGE}
+        ax.plot([-1.0], [0.0], "+", label="-1", zorder=5, **point)
     else:
         where = "outside the frame" if half < 60.0 else "close to the origin at this scale"
         ax.text(
@@ -322,33 +300,14 @@ def _draw_critical(ax: Axes, half: float) -> None:
 
 
 def _name(ax: Axes, estimate: style.Shown, output: int, input_: int, exponent: int) -> None:
-    names = estimate.output_names[output], estimate.input_names[input_]
-    unit = ""
-    if all(name in estimate.units for name in names):
-        unit = unit_ratio(estimate.units[names[0]], estimate.units[names[1]])
-    unit = style.in_brackets(unit)
+    unit = style.in_brackets(style.channel_unit(estimate, output, input_))
     scale = f"1e{exponent} " if exponent else ""
-    style.dress(
-        ax,
-        title=style.literal(
-            wrapped(f"{style.channel(estimate, output, input_)}   (numbers: {scale}rad/s)")
-        ),
-        xlabel=style.literal(f"real part{unit}"),
-        ylabel=style.literal(f"imaginary part{unit}"),
-    )
-    ax.ticklabel_format(axis="both", style="sci", scilimits=(-3, 4), useOffset=False)
-    for axis in (ax.xaxis, ax.yaxis):
-        axis.get_offset_text().set_fontsize(8)
+    title = wrapped(f"{style.channel(estimate, output, input_)}   (numbers: {scale}rad/s)")
+    sides = (style.literal(f"{part} part{unit}") for part in ("real", "imaginary"))
+    style.dress(ax, title=style.literal(title), xlabel=next(sides), ylabel=next(sides))
+    style.scientific(ax)
 
 
 def _legend(ax: Axes) -> None:
-    handles, labels = ax.get_legend_handles_labels()
-    ax.legend(
-        handles,
-        labels,
-        loc="upper left",
-        fontsize=8,
-        framealpha=0.8,
-        edgecolor="none",
-        borderaxespad=0.2,
-    )
+    frame = {"framealpha": 0.8, "edgecolor": "none", "borderaxespad": 0.2}
+    ax.legend(loc="upper left", fontsize=8, **frame)

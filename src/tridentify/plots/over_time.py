@@ -15,12 +15,21 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.comparison.entries import Models
 from tridentify.numerics.arrays import Array
 from tridentify.plots.lines import Line, band_label, lines_of, named_first, numbers
-from tridentify.plots.style import Shown, channel, dress, in_brackets, literal
+from tridentify.plots.style import (
+    Panels,
+    Shown,
+    channel,
+    channel_unit,
+    dress,
+    in_brackets,
+    literal,
+    make_axes,
+    scientific,
+)
 from tridentify.transfer_function import TransferFunction
 from tridentify.uncertainty import ImpulseBand, StepBand, sample
 from tridentify.uncertainty.checks import checked_level, checked_times
 from tridentify.uncertainty.step import powers_of
-from tridentify.writing.layout import unit_ratio
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -152,25 +161,24 @@ class Reply:
         As of `tridentify.uncertainty.step.over_time`: a model without standard errors.
     linear, sampled : callable
         The band of an estimate to first order, and from the draws of a posterior mean.
+    to : str
+        What it answers.
+    power : int
+        Of seconds, by which its unit is divided.
     """
 
     name: str
     formula: Callable[..., tuple[Array, Array]]
     linear: Callable[..., StepBand | ImpulseBand]
     sampled: Callable[..., StepBand | ImpulseBand]
+    to: str
+    power: int
 
 
-def courses_of(
-    models: Models,
-    names: Sequence[str] | None,
-    t: npt.ArrayLike | None,
-    level: float,
-    reply: Reply,
-    axes: Sequence[Axes] | Axes | None,
+def _courses(
+    lines: Sequence[Line], t: npt.ArrayLike | None, level: float, reply: Reply
 ) -> tuple[Array, list[Course]]:
     """Times and responses of every model, by default until all have settled."""
-    example = f"{reply.name}(estimate) or {reply.name}([one, other])"
-    lines = lines_of(models, names, example, axes)
     checked_level(level)
     if t is not None:
         given = numbers("t", t, f"{reply.name}([one, other], t)")
@@ -215,6 +223,25 @@ def _response(model: TransferFunction, t: Array, formula: Callable[..., Any]) ->
             num, den = model.num[i][j], model.den[i][j]
             response[:, i, j] = formula(num, den, powers_of(den), t - model.delay[i, j])[0]
     return response
+
+
+def plot_replies(
+    models: Models,
+    names: Sequence[str] | None,
+    t: npt.ArrayLike | None,
+    level: float,
+    reply: Reply,
+    axes: Sequence[Axes] | Axes | None,
+) -> tuple[Panels, tuple[Line, ...]]:
+    """The picture of one kind of reply but for its legend and what is particular to it."""
+    example = f"{reply.name}(estimate) or {reply.name}([one, other])"
+    lines = lines_of(models, names, example, axes)
+    times, courses = _courses(lines, t, level, reply)
+    channels = lines[0].model.n_outputs * lines[0].model.n_inputs
+    drawn = make_axes(axes, [2.1] * channels)
+    draw_courses(drawn, times, courses, level, reply.power)
+    drawn[-1].set_xlabel(f"time after the {reply.to} [s]", fontsize=9)
+    return drawn, lines
 
 
 def draw_courses(
@@ -282,18 +309,10 @@ def name_channel(ax: Axes, estimate: Shown, output: int, input_: int, power: int
     power : int
         Seconds in the unit's denominator.
     """
-    names = estimate.output_names[output], estimate.input_names[input_]
-    unit = ""
-    if all(name in estimate.units for name in names):
-        unit = unit_ratio(estimate.units[names[0]], estimate.units[names[1]], power)
-    dress(
-        ax,
-        title=literal(wrapped(channel(estimate, output, input_))),
-        ylabel=literal(f"response{in_brackets(unit)}"),
-    )
-    ax.ticklabel_format(axis="both", style="sci", scilimits=(-3, 4), useOffset=False)
-    for axis in (ax.xaxis, ax.yaxis):
-        axis.get_offset_text().set_fontsize(8)
+    title = literal(wrapped(channel(estimate, output, input_)))
+    unit = in_brackets(channel_unit(estimate, output, input_, power))
+    dress(ax, title=title, ylabel=literal(f"response{unit}"))
+    scientific(ax)
 
 
 def wrapped(text: str, width: int = 60) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -192,18 +192,12 @@ def _draw(ax: Axes, region: RootUncertainty, how: _Roots, level: float) -> None:
     """Roots, and their regions where they are known and no draws stand for them."""
     if region.roots.size == 0:
         return
-    ax.plot(
-        region.roots.real,
-        region.roots.imag,
-        linestyle="none",
-        marker=how.marker,
-        # what lies beneath the roots of another model is seen around them
-        markersize=7 + 2.5 * min(how.line.together - 1 - how.line.number, 3),
-        markerfacecolor="none",
-        markeredgewidth=1.6,
-        color=how.colour,
-        label=how.label or "_nolegend_",
-    )
+    # what lies beneath the roots of another model is seen around them
+    size = 7 + 2.5 * min(how.line.together - 1 - how.line.number, 3)
+    look: dict[str, Any] = {"markersize": size, "markerfacecolor": "none", "markeredgewidth": 1.6}
+    label = how.label or "_nolegend_"
+    roots = region.roots
+    ax.plot(roots.real, roots.imag, how.marker, color=how.colour, label=label, **look)
     if how.line.estimate is None or (how.marker == "x" and len(how.line.draws)):
         return
     for k in range(region.roots.size):
@@ -220,17 +214,13 @@ def _draw_cloud(ax: Axes, how: _Roots) -> None:
         return
     chosen = np.asarray(estimate.draws)[:: max(len(estimate.draws) // DOTS, 1)]
     roots = stacked_roots(estimate.channel_draws(chosen, *how.channel)[1]).ravel()
-    ax.plot(
-        roots.real,
-        roots.imag,
-        linestyle="none",
-        marker=".",
-        markersize=2.5,
-        alpha=0.35,
-        markeredgewidth=0,
-        color=how.colour,
-        zorder=1,
-    )
+    look: dict[str, Any] = {
+        "markersize": 2.5,
+        "alpha": 0.35,
+        "markeredgewidth": 0,
+        "color": how.colour,
+    }
+    ax.plot(roots.real, roots.imag, ".", zorder=1, **look)
 
 
 def _frame(ax: Axes, regions: list[tuple[str, RootUncertainty]], size: float) -> list[str]:

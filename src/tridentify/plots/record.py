@@ -87,11 +87,8 @@ def draw_inputs(record: Record, axes: Sequence[Axes]) -> None:
     """Draw the inputs as they stand between the samples: held, or joined by straight lines."""
     held = record.behaviour == "zoh"
     for j, name in enumerate(record.input_names):
-        axes[j].plot(
-            *style.shorten(record.t, record.u[:, j]),
-            color=style.GREEN,
-            linewidth=1.2,
-            drawstyle="steps-post" if held else "default",
-        )
+        course = style.shorten(record.t, record.u[:, j])
+        how = "steps-post" if held else "default"
+        axes[j].plot(*course, color=style.GREEN, linewidth=1.2, drawstyle=how)
         style.dress(axes[j], ylabel=style.labelled(name, record.units))
     axes[-1].set_xlabel("time [s]", fontsize=9)

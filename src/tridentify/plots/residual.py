@@ -74,13 +74,9 @@ def plot_residual(
         series.plot(*style.course(record.t, rest), color=style.BLUE, linewidth=0.8)
         if far.size:
             _mark(series, record.t[far], residual[far, i], float(np.nanmax(np.abs(rest))))
+        title = style.literal(f"residual of {short(name, 60)}")
         label = style.labelled(name, record.units)
-        style.dress(
-            series,
-            title=style.literal(f"residual of {short(name, 60)}"),
-            xlabel="time [s]",
-            ylabel=label,
-        )
+        style.dress(series, title=title, xlabel="time [s]", ylabel=label)
         correlation, count = autocorrelation(rest, int(lags[-1]))
         bound = NormalDist().inv_cdf((1 + LEVEL) / 2) / math.sqrt(max(count, 1))
         correlogram.axhspan(-bound, bound, color=style.ORANGE, alpha=0.2, linewidth=0)
@@ -89,12 +85,8 @@ def plot_residual(
         reach = 1.15 * max(2 * bound, float(np.max(np.abs(correlation[1:]), initial=0.0)))
         correlogram.set_ylim(-reach, reach)
         correlogram.set_xlim(0.0, float(times[-1]) * 1.02)
-        style.dress(
-            correlogram,
-            title=f"autocorrelation, with the {100 * LEVEL:.0f} % bounds of white noise",
-            xlabel=f"lag [{unit}]",
-            ylabel="correlation [-]",
-        )
+        title = f"autocorrelation, with the {100 * LEVEL:.0f} % bounds of white noise"
+        style.dress(correlogram, title=title, xlabel=f"lag [{unit}]", ylabel="correlation [-]")
         correlogram.ticklabel_format(axis="x", style="sci", scilimits=(-3, 4), useOffset=False)
     return drawn
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -95,15 +95,9 @@ def _draw_criteria(ax: Axes, rows: Sequence[SelectionRow], places: Array) -> Non
     ax.set_ylim(bottom=-0.12 * (LINEAR if highest > 5.0 * LINEAR else highest))
     failed = [k for k, row in enumerate(rows) if row.estimate is None]
     if failed:
-        ax.plot(
-            places[failed],
-            np.full(len(failed), 0.04),
-            "x",
-            color=style.GREY,
-            markersize=6,
-            transform=ax.get_xaxis_transform(),
-            label="failed",
-        )
+        foot, level = np.full(len(failed), 0.04), ax.get_xaxis_transform()
+        how: dict[str, Any] = {"color": style.GREY, "markersize": 6, "label": "failed"}
+        ax.plot(places[failed], foot, "x", transform=level, **how)
     style.dress(ax, title="above the lowest", ylabel="criterion [-]")
     style.legend(ax, columns=4)
 
@@ -155,17 +149,8 @@ def _marks(
         own = np.where(which, values, np.nan)
         if not np.any(np.isfinite(own)):
             continue
-        ax.plot(
-            places,
-            own,
-            linestyle="none",
-            marker=marker,
-            markersize=5,
-            markerfacecolor=face,
-            markeredgecolor=colour,
-            markeredgewidth=1.0,
-            label=label or None,
-        )
+        how: dict[str, Any] = {"markersize": 5, "markerfacecolor": face, "markeredgecolor": colour}
+        ax.plot(places, own, marker, markeredgewidth=1.0, label=label or None, **how)
         label = ""
 
 

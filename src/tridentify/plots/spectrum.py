@@ -141,12 +141,9 @@ def plot_spectrum(
         slope.set_xscale("log")
         slope.set_xlim(*ends)
         slope.set_ylim(0.0, 1.12 * max(float(spectrum.slopes[:, j].max()), 1.0))
-        dress(
-            slope,
-            title=literal(f"for {wanted}") if j == 0 else "",
-            xlabel="angular frequency [rad/s]",
-            ylabel="slope\n(optimal: at most 1)",
-        )
+        title = literal(f"for {wanted}") if j == 0 else ""
+        label = "slope\n(optimal: at most 1)"
+        dress(slope, title=title, xlabel="angular frequency [rad/s]", ylabel=label)
     return drawn
 
 

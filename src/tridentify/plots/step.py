@@ -10,15 +10,15 @@ import numpy.typing as npt
 
 from tridentify.judgement.comparison.entries import Models
 from tridentify.numerics import delta_method
-from tridentify.plots.over_time import Reply, courses_of, draw_courses
-from tridentify.plots.style import GREY, Panels, legend, legend_columns, make_axes
+from tridentify.plots.over_time import Reply, plot_replies
+from tridentify.plots.style import GREY, Panels, legend, legend_columns
 from tridentify.uncertainty import sampled_step_band, step_band
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-STEP = Reply("plot_step", delta_method.step_response, step_band, sampled_step_band)
+STEP = Reply("plot_step", delta_method.step_response, step_band, sampled_step_band, "step", 0)
 
 
 def plot_step(
@@ -64,14 +64,10 @@ def plot_step(
     -----
     The dashed line is the static gain, where the model has one.
     """
-    times, courses = courses_of(models, names, t, level, STEP, axes)
-    lines = [course.line for course in courses]
+    drawn, lines = plot_replies(models, names, t, level, STEP, axes)
     gains = [line.model.dc_gain for line in lines]
-    n_outputs, n_inputs = gains[0].shape
-    drawn = make_axes(axes, [2.1] * (n_outputs * n_inputs))
-    draw_courses(drawn, times, courses, level, 0)
     for k, ax in enumerate(drawn):
-        i, j = divmod(k, n_inputs)
+        i, j = divmod(k, gains[0].shape[1])
         for line, gain in zip(lines, gains, strict=True):
             stable = np.all(np.roots(line.model.den[i][j]).real < 0)
             if np.isfinite(gain[i, j]) and stable:
@@ -80,5 +76,4 @@ def plot_step(
                 dash = "--" if line.together == 1 else ":"
                 ax.axhline(gain[i, j], color=colour, linewidth=0.9, linestyle=dash, label=label)
     legend(drawn[0], columns=legend_columns(drawn[0]))
-    drawn[-1].set_xlabel("time after the step [s]", fontsize=9)
     return drawn

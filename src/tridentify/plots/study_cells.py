@@ -6,7 +6,7 @@ import math
 import textwrap
 from collections.abc import Callable, Sequence
 from itertools import groupby
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tridentify.errors import IdentifiabilityError
 from tridentify.plots import style
@@ -116,16 +116,10 @@ def _draw(
         values = [min(value, LIMIT) if worst is _error else value for _, value, _ in points]
         errors = [2 * e if math.isfinite(e) and v <= LIMIT else 0.0 for _, v, e in points]
         bars = [[min(e, v - v / 10) for e, v in zip(errors, values, strict=True)], errors]
-        ax.errorbar(
-            values,
-            places,
-            xerr=bars,
-            fmt=MARKERS[number % len(MARKERS)],
-            color=style.cycle_colour(number),
-            markersize=4.5,
-            linewidth=1,
-            label=style.literal(name),
-        )
+        marker, label = MARKERS[number % len(MARKERS)], style.literal(name)
+        look: dict[str, Any] = {"markersize": 4.5, "linewidth": 1}
+        look["color"] = style.cycle_colour(number)
+        ax.errorbar(values, places, xerr=bars, fmt=marker, label=label, **look)
         for (_, value, _), place in zip(points, places, strict=True):
             if value > LIMIT:
                 ax.text(LIMIT, place, f"  {value:.2g}", fontsize=6, va="center")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -48,21 +48,11 @@ def plot_step_responses(
     grid = Record(x, x, dt=condition.dt / FINE)
     truth = simulate(PLANT, grid)[:, 0]
     example = condition.example
-    drawn[0].plot(
-        example.t,
-        example.y[:, 0],
-        color=style.GREY,
-        linewidth=0.6,
-        marker=".",
-        markersize=3.5,
-        label="one record",
-    )
+    thin: dict[str, Any] = {"color": style.GREY, "linewidth": 0.6, "markersize": 3.5}
+    drawn[0].plot(example.t, example.y[:, 0], ".-", label="one record", **thin)
     drawn[0].plot(grid.t, truth, color=style.BLACK, linewidth=1.6, label="truth")
-    style.dress(
-        drawn[0],
-        title=f"noise {condition.ratio:g} x RMS of the truth",
-        ylabel="y [units of x]",
-    )
+    title = f"noise {condition.ratio:g} x RMS of the truth"
+    style.dress(drawn[0], title=title, ylabel="y [units of x]")
     style.legend(drawn[0], columns=2)
     bands = [response_band(condition, j, grid) for j in range(len(ESTIMATORS))]
     for ax, colour, name, band in zip(drawn[1:-1], COLOURS, ESTIMATORS, bands, strict=True):

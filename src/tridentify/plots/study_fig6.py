@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -61,12 +61,9 @@ def plot_noise_levels(result: AircraftResult, *, axes: Sequence[Axes] | None = N
             _draw_printed(ax, group, k)
             duration = group[0].n_samples * group[0].dt
             title = f"{group[0].n_samples} samples, {group[0].dt:g} s ({duration:g} s)"
-            dress(
-                ax,
-                title="" if row else title,
-                xlabel="noise std / RMS of y [-]" if row else "",
-                ylabel="" if column else label,
-            )
+            below = "noise std / RMS of y [-]" if row else ""
+            beside = "" if column else label
+            dress(ax, title="" if row else title, xlabel=below, ylabel=beside)
     _draw_legend(drawn[0])
     return drawn
 
@@ -103,17 +100,10 @@ def _draw_estimator(ax: Axes, group: Sequence[Condition], j: int, k: int) -> Non
     low, median, high = (_relative(summaries, which, k) for which in ("low", "median", "high"))
     colour = COLOURS[j]
     ax.fill_between(places, low, high, color=colour, alpha=0.13, linewidth=0)
-    ax.errorbar(
-        places,
-        median,
-        (median - low, high - median),
-        color=colour,
-        linewidth=1.3,
-        elinewidth=1.6,
-        marker=MARKERS[j],
-        markersize=5,
-        label=f"{ESTIMATORS[j]}: median, 16-84 %",
-    )
+    label = f"{ESTIMATORS[j]}: median, 16-84 %"
+    look: dict[str, Any] = {"color": colour, "linewidth": 1.3, "elinewidth": 1.6, "markersize": 5}
+    bars = median - low, high - median
+    ax.errorbar(places, median, bars, marker=MARKERS[j], label=label, **look)
     _note_outside(ax, places, median, j)
 
 
@@ -148,17 +138,10 @@ def _draw_printed(ax: Axes, group: Sequence[Condition], k: int) -> None:
         points = PRINTED.get(name, {})
         ratios = [condition.ratio for condition in group if condition.ratio in points]
         if ratios:
-            ax.plot(
-                ratios,
-                [points[ratio][k] / TRUTH[k] for ratio in ratios],
-                linestyle="",
-                marker=MARKERS[j],
-                markersize=8,
-                markerfacecolor="none",
-                markeredgecolor=COLOURS[j],
-                markeredgewidth=1.4,
-                label=f"{name}: printed in the paper",
-            )
+            own = [points[ratio][k] / TRUTH[k] for ratio in ratios]
+            look: dict[str, Any] = {"markersize": 8, "markerfacecolor": "none"}
+            look |= {"markeredgecolor": COLOURS[j], "markeredgewidth": 1.4}
+            ax.plot(ratios, own, MARKERS[j], label=f"{name}: printed in the paper", **look)
 
 
 def _draw_legend(ax: Axes) -> None:
@@ -171,11 +154,6 @@ def _draw_legend(ax: Axes) -> None:
     if isinstance(figure, Figure):
         # the place outside exists only where a layout engine makes room for it
         arranged = figure.get_layout_engine() is not None
-        figure.legend(
-            [handles[i] for i in order],
-            [labels[i] for i in order],
-            loc="outside upper center" if arranged else "upper center",
-            ncols=2,
-            fontsize=9,
-            frameon=False,
-        )
+        place: Any = "outside upper center" if arranged else "upper center"
+        sorted_ = [[each[i] for i in order] for each in (handles, labels)]
+        figure.legend(*sorted_, loc=place, ncols=2, fontsize=9, frameon=False)

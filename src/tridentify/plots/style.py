@@ -8,7 +8,7 @@ import os
 import textwrap
 import threading
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +18,7 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 from tridentify.transfer_function import TransferFunction
-from tridentify.writing.layout import IN_PICTURES, short
+from tridentify.writing.layout import IN_PICTURES, short, unit_ratio
 from tridentify.writing.views import are_unseen
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 
 Kind = TypeVar("Kind")
+Corner = Literal["lower left", "lower right"]
 
 # Okabe and Ito's palette: told apart with every common kind of colour vision.
 BLUE, ORANGE, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
@@ -219,7 +220,7 @@ def _stacked(ax: Axes, label: str) -> str:
 
 def legend(ax: Axes, *, columns: int = 3) -> None:
     """Legend above the axes on the right, where it covers no data; a long title moves up."""
-    handles, labels = ax.get_legend_handles_labels()
+    labels = ax.get_legend_handles_labels()[1]
     if labels:
         title = ax.get_title(loc="left")
         shown = sum(len(label) for label in labels[:columns]) + HANDLE * min(len(labels), columns)
@@ -228,18 +229,18 @@ def legend(ax: Axes, *, columns: int = 3) -> None:
         longest = max(len(line) for line in title.split("\n"))
         if longest and longest + shown > PER_INCH * width:
             ax.set_title(title, loc="left", fontsize=10, pad=6.0 + 13.0 * lines)
-        ax.legend(
-            handles,
-            labels,
-            loc="lower right",
-            bbox_to_anchor=(1.0, 1.0),
-            ncols=columns,
-            fontsize=9,
-            frameon=False,
-            borderaxespad=0.1,
-            handlelength=1.6,
-            columnspacing=1.2,
-        )
+        place_above(ax, "lower right", columns, handlelength=1.6)
+
+
+def place_above(ax: Axes, corner: Corner, columns: int, *, handlelength: float) -> None:
+    """The legend without a frame above the axes, ending or beginning with them."""
+    at = (1.0, 1.0) if corner == "lower right" else (0.0, 1.0)
+    spaces: dict[str, Any] = {
+        "borderaxespad": 0.1,
+        "handlelength": handlelength,
+        "columnspacing": 1.2,
+    }
+    ax.legend(loc=corner, bbox_to_anchor=at, ncols=columns, fontsize=9, frameon=False, **spaces)
 
 
 def legend_columns(ax: Axes) -> int:
@@ -291,6 +292,21 @@ def labelled(name: str, units: Mapping[str, str]) -> str:
     """
     unit = in_brackets(units.get(name, ""))
     return literal(short(name, IN_PICTURES) + unit)
+
+
+def channel_unit(model: Shown, output: int, input_: int, power: int = 0) -> str:
+    """Unit of a response over that of its input, over seconds to a power; or empty."""
+    names = model.output_names[output], model.input_names[input_]
+    if not all(name in model.units for name in names):
+        return ""
+    return unit_ratio(model.units[names[0]], model.units[names[1]], power)
+
+
+def scientific(ax: Axes) -> None:
+    """Numbers at both axes with a common power of ten where they are large or small."""
+    ax.ticklabel_format(axis="both", style="sci", scilimits=(-3, 4), useOffset=False)
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.get_offset_text().set_fontsize(8)
 
 
 def in_brackets(unit: str) -> str:

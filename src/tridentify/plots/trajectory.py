@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -56,7 +56,7 @@ def plot_trajectory(
     if not hasattr(run, "flags"):
         style.checked(run, Run, "plot_trajectory(online.run(method, record, structure))")
     known = _known(run, truth or {})
-    flagged = _flagged(run)
+    flagged = [flag for flag in Flag if any(flag in at for at in run.flags)]
     heights = [1.3] * len(run.names) + [0.45 + 0.17 * max(len(flagged), 1)]
     drawn = style.make_axes(axes, heights, sharex=True)
     units = dict(zip(run.names, run.units, strict=False))
@@ -66,13 +66,8 @@ def plot_trajectory(
     _draw_flags(drawn[-1], run, flagged)
     for ax in drawn:
         for at, when in enumerate(run.changes):
-            ax.axvline(
-                when,
-                color=style.BLACK,
-                linewidth=0.9,
-                linestyle=(0, (4, 2)),
-                label=None if at else "change found",
-            )
+            label = None if at else "change found"
+            ax.axvline(when, color=style.BLACK, linewidth=0.9, linestyle=(0, (4, 2)), label=label)
     style.legend(drawn[0], columns=4)
     return drawn
 
@@ -98,15 +93,8 @@ def _known(run: Run, truth: Mapping[str, Truth]) -> dict[str, Array]:
 
 def _draw_coefficient(ax: Axes, run: Run, k: int, truth: Array | None) -> None:
     theta, half = run.theta[:, k], SPAN * run.std[:, k]
-    ax.fill_between(
-        run.time,
-        theta - half,
-        theta + half,
-        color=style.SKY,
-        alpha=0.45,
-        linewidth=0,
-        label="95 % band",
-    )
+    pale: dict[str, Any] = {"color": style.SKY, "alpha": 0.45, "linewidth": 0}
+    ax.fill_between(run.time, theta - half, theta + half, label="95 % band", **pale)
     ax.plot(run.time, theta, color=style.BLUE, linewidth=1.3, label="estimate")
     if truth is not None:
         ax.plot(run.time, truth, color=style.ORANGE, linewidth=1.3, linestyle="--", label="truth")
@@ -131,24 +119,13 @@ def _limits(theta: Array, half: Array, truth: Array | None) -> tuple[float, floa
     return low - air, high + air
 
 
-def _flagged(run: Run) -> list[Flag]:
-    """The kinds of flags that occurred, in the order of their definition."""
-    return [flag for flag in Flag if any(flag in at for at in run.flags)]
-
-
 def _draw_flags(ax: Axes, run: Run, flagged: Sequence[Flag]) -> None:
     """One row for each kind of flag, a mark at each point that has it."""
     for row, flag in enumerate(flagged):
         raised = np.array([flag in at for at in run.flags])
-        ax.plot(
-            run.time[raised],
-            np.full(int(raised.sum()), row),
-            color=style.ORANGE,
-            linestyle="none",
-            marker="|",
-            markersize=8,
-            markeredgewidth=1.4,
-        )
+        at = np.full(int(raised.sum()), row)
+        look: dict[str, Any] = {"color": style.ORANGE, "markersize": 8, "markeredgewidth": 1.4}
+        ax.plot(run.time[raised], at, "|", **look)
     names = [str(flag.name).lower().replace("_", " ") for flag in flagged]
     ax.set_ylim(max(len(flagged), 1) - 0.4, -0.6)
     style.dress(ax, xlabel="time [s]", ylabel="flags")

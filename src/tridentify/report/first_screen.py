@@ -194,15 +194,18 @@ def key_numbers(estimate: Estimate) -> list[KeyNumber]:
     others = [item for item in coefficients if item not in delays]
     for item in (*delays[:1], *modes, *gains[:1], *others):
         if len(found) < NUMBERS and _is_result(item):
-            found.append(
-                KeyNumber(
-                    short(item.name, IN_TABLES),
-                    format_value(item.value, item.std),
-                    format_std(item.std),
-                    "" if item.unit == "-" else item.unit,
-                )
-            )
+            found.append(key_number(item))
     return found
+
+
+def key_number(item: Parameter) -> KeyNumber:
+    """A quantity as it is shown first."""
+    return KeyNumber(
+        short(item.name, IN_TABLES),
+        format_value(item.value, item.std),
+        format_std(item.std),
+        "" if item.unit == "-" else item.unit,
+    )
 
 
 def title_names(names: Sequence[str]) -> str:

@@ -14,13 +14,7 @@ from tridentify.estimation.answer.trust import class_of
 from tridentify.judgement.validation import Validation, validate
 from tridentify.record.record import Record
 from tridentify.report.figures import Artist, Here, draw_diagrams
-from tridentify.report.first_screen import (
-    headline_of,
-    key_numbers,
-    subtitle_of,
-    title_of,
-    trust_of,
-)
+from tridentify.report.first_screen import headline_of, key_numbers, subtitle_of, title_of, trust_of
 from tridentify.report.page import Page, Section, beside, prepare
 from tridentify.report.pictures import Picture, save_picture
 from tridentify.report.settings import code_again, settings_table, workbench_again

@@ -13,7 +13,6 @@ from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.encoding import document_text
 from tridentify.estimation.answer.estimate import SCHEMA
 from tridentify.estimation.answer.finding import Finding, beside_errors, joined
-from tridentify.estimation.answer.parameter import Parameter
 from tridentify.estimation.answer.trust import HEADS, class_of, unusable
 from tridentify.judgement.validation.residuals import look
 from tridentify.physical import PhysicalEstimate
@@ -23,6 +22,7 @@ from tridentify.report.first_screen import (
     NUMBERS,
     KeyNumber,
     fits_in_words,
+    key_number,
     subtitle_of,
     title_of,
     trust_of,
@@ -39,7 +39,7 @@ from tridentify.report.html import (
 from tridentify.report.page import Page, Section, beside
 from tridentify.report.pictures import Picture
 from tridentify.report.tables import ReportTable, quantity_table
-from tridentify.writing.layout import IN_TABLES, format_std, format_value, p_in_words, short
+from tridentify.writing.layout import IN_TABLES, p_in_words, short
 
 CONTRADICTED = 0.01
 """p-value of the restrictions of a map, below which the record speaks against it."""
@@ -170,22 +170,11 @@ def _physical_headline(found: PhysicalEstimate, findings: Sequence[Finding]) -> 
     return f"{head}: {known} of {len(found.names)} parameters are determined; they fit {fits}."
 
 
-def _asked(found: PhysicalEstimate) -> list[Parameter]:
-    """Parameters and combinations that the record determines."""
-    every = [*found.parameters.values(), *found.combinations]
-    return [item for item in every if np.isfinite(item.value) and item.std > 0]
-
-
 def _physical_numbers(found: PhysicalEstimate) -> list[KeyNumber]:
-    return [
-        KeyNumber(
-            short(item.name, IN_TABLES),
-            format_value(item.value, item.std),
-            format_std(item.std),
-            "" if item.unit == "-" else item.unit,
-        )
-        for item in _asked(found)[:NUMBERS]
-    ]
+    """Parameters and combinations that the record determines, the first of them."""
+    every = [*found.parameters.values(), *found.combinations]
+    asked = [item for item in every if np.isfinite(item.value) and item.std > 0]
+    return [key_number(item) for item in asked[:NUMBERS]]
 
 
 def _fits_of_map(found: PhysicalEstimate, records: Sequence[Record]) -> list[Picture]:

@@ -19,11 +19,7 @@ from tridentify.report.first_screen import (
     subtitle_of,
     title_of,
 )
-from tridentify.report.html import (
-    model_section,
-    settled,
-    write_page,
-)
+from tridentify.report.html import model_section, settled, write_page
 from tridentify.report.page import Page, Section, beside
 from tridentify.report.pictures import Drawing, picture_of
 from tridentify.report.settings import record_rows

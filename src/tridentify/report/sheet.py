@@ -59,7 +59,7 @@ class Sheet:
             len(heights), columns, squeeze=False, sharex="col" if share else False
         )
         rows = len(heights)
-        self._place([LEFT] * columns, [RIGHT] * columns, [ABOVE] * rows, [BELOW] * rows)
+        self._place([LEFT] * columns, [ABOVE] * rows, [BELOW] * rows)
 
     @property
     def axes(self) -> list[Axes]:
@@ -68,7 +68,6 @@ class Sheet:
 
     def settle(self) -> Figure:
         """Give everything its place; call it once, when all is drawn."""
-        columns = self.grid.shape[1]
         for ax in self.axes:
             if not ax.has_data() and not ax.get_title(loc="left") and not ax.texts:
                 ax.set_axis_off()
@@ -76,20 +75,14 @@ class Sheet:
         renderer: RendererAgg = self._canvas.get_renderer()  # type: ignore[no-untyped-call]
         above = [max(_above(ax, renderer) for ax in row) for row in self.grid]
         below = [max(_below(ax) for ax in row) for row in self.grid]
-        self._place(left, [RIGHT] * columns, above, below)
+        self._place(left, above, below)
         for ax in self.axes:
             box = ax.get_position()
             width = box.width * self.figure.get_figwidth()
             ax.yaxis.set_label_coords(-_ticks_beside(ax) / width, 0.5)
         return self.figure
 
-    def _place(
-        self,
-        left: Sequence[float],
-        right: Sequence[float],
-        above: Sequence[float],
-        below: Sequence[float],
-    ) -> None:
+    def _place(self, left: Sequence[float], above: Sequence[float], below: Sequence[float]) -> None:
         columns = self.grid.shape[1]
         height = sum(self.heights) + sum(above) + sum(below)
         self.figure.set_size_inches(WIDTH * columns, height)
@@ -97,7 +90,7 @@ class Sheet:
         for i, row in enumerate(self.grid):
             top -= above[i] + self.heights[i]
             for j, ax in enumerate(row):
-                start, width = j * WIDTH + left[j], WIDTH - left[j] - right[j]
+                start, width = j * WIDTH + left[j], WIDTH - left[j] - RIGHT
                 across = WIDTH * columns
                 ax.set_position(
                     (start / across, top / height, width / across, self.heights[i] / height)

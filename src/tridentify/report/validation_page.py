@@ -21,12 +21,7 @@ from tridentify.report.first_screen import (
     title_names,
     title_of,
 )
-from tridentify.report.html import (
-    model_section,
-    settled,
-    validation_section,
-    write_page,
-)
+from tridentify.report.html import model_section, settled, validation_section, write_page
 from tridentify.report.page import Page, Section
 from tridentify.report.settings import record_rows
 

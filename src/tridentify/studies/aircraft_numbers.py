@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from types import MappingProxyType
 from typing import Any
 
@@ -20,26 +20,22 @@ COEFFICIENTS = ("a1", "a0", "b0")
 UNITS = ("1/s", "1/s^2", "1/s^2")
 TRUTH = (1.0, 3.0, 0.5)
 ESTIMATORS = ("Step 2 alone", "Steps 1-4", "ThreeModel()")
+RATIOS = (0.0, 0.5, 1.0, 2.0, 3.0)
+"""Noise over signal in the paper's table."""
+_OF_STEP_2 = (
+    (1.0, 1.01, 0.71, 0.16, 0.02),
+    (3.0, 3.15, 2.69, 1.56, 1.39),
+    (0.5, 0.517, 0.6, 0.49, 0.53),
+)
+_OF_ALL_STEPS = (
+    (1.0, 1.1, 1.14, 0.96, 0.95),
+    (3.0, 3.1, 3.15, 2.82, 3.22),
+    (0.5, 0.516, 0.52, 0.48, 0.58),
+)
 PRINTED: Mapping[str, Mapping[float, tuple[float, float, float]]] = MappingProxyType(
     {
-        "Step 2 alone": MappingProxyType(
-            {
-                0.0: (1.0, 3.0, 0.5),
-                0.5: (1.01, 3.15, 0.517),
-                1.0: (0.71, 2.69, 0.6),
-                2.0: (0.16, 1.56, 0.49),
-                3.0: (0.02, 1.39, 0.53),
-            }
-        ),
-        "Steps 1-4": MappingProxyType(
-            {
-                0.0: (1.0, 3.0, 0.5),
-                0.5: (1.1, 3.1, 0.516),
-                1.0: (1.14, 3.15, 0.52),
-                2.0: (0.96, 2.82, 0.48),
-                3.0: (0.95, 3.22, 0.58),
-            }
-        ),
+        name: MappingProxyType(dict(zip(RATIOS, zip(*rows, strict=True), strict=True)))
+        for name, rows in zip(ESTIMATORS, (_OF_STEP_2, _OF_ALL_STEPS), strict=False)
     }
 )
 """The paper's table: estimator -> noise/signal -> coefficients in our order."""
@@ -238,15 +234,7 @@ def _condition_dict(condition: Condition) -> dict[str, Any]:
             }
             for summary in condition.summaries()
         ],
-        "events": [
-            {
-                "estimator": event.estimator,
-                "draw": event.draw,
-                "kind": event.kind,
-                "reason": event.reason,
-            }
-            for event in condition.events
-        ],
+        "events": [asdict(event) for event in condition.events],
     }
 
 

@@ -22,6 +22,7 @@ from tridentify.studies.aircraft_numbers import (
 
 WIDTH = 78
 PAPERS_SAMPLES = 100
+"""Of the record that the paper's table is for, as far as can be told."""
 MEANING = "What these numbers can mean: 'The paper's aircraft' in the documentation."
 
 
@@ -79,7 +80,7 @@ def _coefficient_table(group: Sequence[Condition], k: int) -> str:
                 f"{_number(summary.low[k]):>8}",
                 f"{_number(summary.high[k]):>8}",
                 f"{_number(summary.rmse[k]):>8}",
-                f"{printed[k]:>7g}" if printed and _is_papers(condition) else "",
+                f"{printed[k]:>7g}" if printed and condition.n_samples == PAPERS_SAMPLES else "",
             ]
             lines.append("  ".join(cells).rstrip())
     return "\n".join(lines)
@@ -147,11 +148,6 @@ def _reasons(result: AircraftNumbers) -> str:
         if flags:
             lines.append(f"{name} flagged in all: {', '.join(flags)}.")
     return "\n".join(_paragraph(line) for line in lines)
-
-
-def _is_papers(condition: Condition) -> bool:
-    """Whether the record is the one that the paper's table is for, as far as can be told."""
-    return condition.n_samples == PAPERS_SAMPLES
 
 
 def _number(value: float) -> str:

@@ -70,28 +70,14 @@ def run_batches(
     """
     if not batches:
         return []
-    with _one_thread_each():
-        pool = ProcessPoolExecutor(
-            min(workers, len(batches)),
-            mp_context=multiprocessing.get_context("spawn"),
-            initializer=_obey_the_caller,
-        )
-        try:
-            with held_back():  # processes start with the first tasks
-                numbers = {pool.submit(function, batch): k for k, batch in enumerate(batches)}
-            results: dict[int, Result] = {}
-            for future in as_completed(numbers):
-                results[numbers[future]] = future.result()
-                if finished is not None:
-                    finished(numbers[future])
-        except BrokenProcessPool as error:
-            raise TridentifyError(
-                "found a worker process that died; expected it to finish its batch; use fewer "
-                "workers if memory is short, and in a script make the call below "
-                'if __name__ == "__main__":'
-            ) from error
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
+    results: dict[int, Result] = {}
+    with process_pool(min(workers, len(batches))) as pool:
+        with held_back():  # processes start with the first tasks
+            numbers = {pool.submit(function, batch): k for k, batch in enumerate(batches)}
+        for future in as_completed(numbers):
+            results[numbers[future]] = future.result()
+            if finished is not None:
+                finished(numbers[future])
     return [results[k] for k in range(len(batches))]
 
 
@@ -125,7 +111,8 @@ def process_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
         except BrokenProcessPool as error:
             raise TridentifyError(
                 "found a worker process that died; expected it to finish its work; use fewer "
-                "workers if memory is short"
+                "workers if memory is short, and in a script make the call below "
+                'if __name__ == "__main__":'
             ) from error
         finally:
             pool.shutdown(wait=True, cancel_futures=True)

@@ -43,7 +43,7 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.numerics import delta_method
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.root_draws import matched, stacked_roots
-from tridentify.uncertainty.draws import channel_draws, denominators
+from tridentify.uncertainty.draws import denominators
 
 
 def corrected(estimate: Estimate, theta: Array) -> Array:
@@ -67,12 +67,12 @@ def corrected(estimate: Estimate, theta: Array) -> Array:
     position = {name: k for k, name in enumerate(estimate.names)}
     dens: dict[tuple[int, int], Array] = {}
     for i, j in denominators(estimate):
-        drawn = channel_draws(estimate, theta, i, j)[1]
+        drawn = estimate.channel_draws(theta, i, j)[1]
         dens[i, j] = _denominator(estimate.model.den[i][j], drawn)
         _store(result, position, "a", _label(estimate, i, j), dens[i, j])
     for i in range(len(estimate.output_names)):
         for j in range(len(estimate.input_names)):
-            num, den, _ = channel_draws(estimate, theta, i, j)
+            num, den, _ = estimate.channel_draws(theta, i, j)
             own, reference = estimate.model.num[i][j], estimate.model.den[i][j]
             last = dens[(0, 0) if estimate.structure.shared else (i, j)][-1]
             with np.errstate(divide="ignore", invalid="ignore", over="ignore"):

@@ -27,13 +27,6 @@ from tridentify.numerics.root_draws import matched, stacked_roots
 from tridentify.uncertainty.step import powers_of
 
 
-def channel_draws(
-    estimate: Estimate, theta: Array, output: int, input_: int
-) -> tuple[Array, Array, Array]:
-    """Polynomials of one channel for every draw; see `Estimate.channel_draws`."""
-    return estimate.channel_draws(theta, output, input_)
-
-
 def denominators(estimate: Estimate) -> Iterator[tuple[int, int]]:
     """Channels (output, input) with a denominator of their own; the first where it is shared."""
     for i in range(len(estimate.output_names)):
@@ -46,7 +39,7 @@ def unstable(estimate: Estimate, theta: Array) -> npt.NDArray[np.bool_]:
     """Whether a draw has a pole that is not in the open left half plane, shape (n_draws,)."""
     found = np.zeros(len(theta), dtype=np.bool_)
     for i, j in denominators(estimate):
-        found |= np.any(stacked_roots(channel_draws(estimate, theta, i, j)[1]).real >= 0, axis=1)
+        found |= np.any(stacked_roots(estimate.channel_draws(theta, i, j)[1]).real >= 0, axis=1)
     return found
 
 
@@ -73,11 +66,6 @@ def root_parts(roots: Complex, reference: Complex) -> Complex:
     return found
 
 
-def derived_values(estimate: Estimate, theta: Array) -> Array:
-    """``estimate.derived_rows()`` of every draw; see `Estimate.derived_values`."""
-    return estimate.derived_values(theta)
-
-
 def frequency_values(estimate: Estimate, theta: Array, omega: Array) -> Complex:
     """``G(j omega)`` of every draw, shape (n_draws, n_omega, n_outputs, n_inputs)."""
     s = (1j * omega).astype(np.complex128)
@@ -86,7 +74,7 @@ def frequency_values(estimate: Estimate, theta: Array, omega: Array) -> Complex:
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         for i in range(shape[2]):
             for j in range(shape[3]):
-                num, den, delay = channel_draws(estimate, theta, i, j)
+                num, den, delay = estimate.channel_draws(theta, i, j)
                 found[:, :, i, j] = _horner(num, s) / _horner(den, s)
                 if np.any(delay):
                     found[:, :, i, j] *= np.exp(-np.outer(delay, s))
@@ -132,7 +120,7 @@ def _time_values(
     for i in range(shape[2]):
         for j in range(shape[3]):
             late = times - estimate.model.delay[i, j]
-            num, den, _ = channel_draws(estimate, theta, i, j)
+            num, den, _ = estimate.channel_draws(theta, i, j)
             found[:, :, i, j] = respond(num, den, estimate.model.den[i][j], late)
     return found
 

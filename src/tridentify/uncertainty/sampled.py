@@ -34,8 +34,6 @@ from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.root_draws import stacked_roots
 from tridentify.uncertainty.checks import checked_count, checked_times, need_covariance
 from tridentify.uncertainty.draws import (
-    channel_draws,
-    derived_values,
     frequency_values,
     impulse_values,
     root_parts,
@@ -242,7 +240,7 @@ def sampled_derived(
     `sampled_coefficients`.
     """
     rows = [(p.name, p.value, p.unit) for p in sample.estimate.derived()]
-    return _quantities(rows, derived_values(sample.estimate, sample.theta), level, kind)
+    return _quantities(rows, sample.estimate.derived_values(sample.theta), level, kind)
 
 
 def sampled_poles(
@@ -254,7 +252,7 @@ def sampled_poles(
     kind: Kind = "percentile",
 ) -> SampledRoots:
     """Poles of one channel with intervals of their real and imaginary parts."""
-    den = channel_draws(sample.estimate, sample.theta, output, input_)[1]
+    den = sample.estimate.channel_draws(sample.theta, output, input_)[1]
     return _roots(den, sample.estimate.model.den[output][input_], level, kind)
 
 
@@ -267,7 +265,7 @@ def sampled_zeros(
     kind: Kind = "percentile",
 ) -> SampledRoots:
     """Zeros of one channel with intervals of their real and imaginary parts."""
-    num = channel_draws(sample.estimate, sample.theta, output, input_)[0]
+    num = sample.estimate.channel_draws(sample.theta, output, input_)[0]
     return _roots(num, sample.estimate.model.num[output][input_], level, kind)
 
 
@@ -344,21 +342,13 @@ def sampled_impulse_band(
 def _quantities(
     rows: list[tuple[str, float, str]], values: Array, level: float, kind: Kind
 ) -> tuple[SampledQuantity, ...]:
-    low, high = intervals(values, np.array([row[1] for row in rows]), level, kind)
+    ends = intervals(values, np.array([row[1] for row in rows]), level, kind)
     (middle,) = quantiles(values, np.full((1, len(rows)), 0.5))
     below, above = intervals(values, 0.0, ONE_SIGMA)
+    numbers = np.stack([*ends, middle, 0.5 * (above - below)], axis=1).tolist()
     return tuple(
-        SampledQuantity(
-            name,
-            float(value),
-            float(low[k]),
-            float(high[k]),
-            float(middle[k]),
-            0.5 * float(above[k] - below[k]),
-            unit,
-            level,
-        )
-        for k, (name, value, unit) in enumerate(rows)
+        SampledQuantity(name, float(value), low, high, median, spread, unit, level)
+        for (name, value, unit), (low, high, median, spread) in zip(rows, numbers, strict=True)
     )
 
 

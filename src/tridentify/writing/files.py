@@ -5,12 +5,14 @@ from __future__ import annotations
 import contextlib
 import errno
 import functools
+import json
 import os
 import re
 import secrets
 import stat
 import time
 from pathlib import Path
+from typing import Any
 
 from tridentify.errors import OutputPathError
 
@@ -67,6 +69,17 @@ def write_atomically(path: str | os.PathLike[str], content: str | bytes) -> Path
             "choose another output path"
         ) from error
     return target
+
+
+def write_json(path: str | os.PathLike[str], document: Any) -> Path:
+    """Write a document of plain values as `write_atomically` does.
+
+    Raises
+    ------
+    OutputPathError
+        The file cannot be written.
+    """
+    return write_atomically(path, json.dumps(document, indent=1, allow_nan=False) + "\n")
 
 
 def _replace(target: Path, data: bytes) -> None:

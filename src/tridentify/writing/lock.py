@@ -8,6 +8,8 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+from tridentify.errors import OutputPathError, shown
+
 PATIENCE = 10.0
 """How long another run may take to put its files in their places [s]: a thousand times what it
 needs, so that one that was stopped holds up nobody for good."""
@@ -53,3 +55,21 @@ def lock(folder: Path, patience: float = PATIENCE) -> Iterator[bool]:
         yield held
     finally:
         os.close(number)
+
+
+@contextlib.contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Hold a folder of results for a run that goes on where another ended.
+
+    Raises
+    ------
+    OutputPathError
+        Another run is at work there.
+    """
+    with lock(folder, patience=0.0) as held:
+        if not held:
+            raise OutputPathError(
+                f"found another run at work in {shown(str(folder))}; expected one at a time; wait "
+                "for it, or choose another folder"
+            )
+        yield

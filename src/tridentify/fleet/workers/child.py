@@ -25,8 +25,6 @@ from tridentify.fleet.workers.job import Item, Job, Limits
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.record.formats.isolated import limit_memory, silenced
 
-__all__ = ["serve"]
-
 SPARE_SECONDS = 60.0
 """Processor time beyond four times the limit after which the system itself ends this process [s].
 The keeper ends it long before; if the keeper was killed, nobody else does."""

@@ -14,8 +14,6 @@ from collections.abc import Iterator
 from tridentify.fleet.workers.job import Limits
 from tridentify.fleet.workers.keeper import Keeper
 
-__all__ = ["WORKERS", "Workers"]
-
 
 class Workers:
     """The children of this process: one for each thread that has work, others at rest."""

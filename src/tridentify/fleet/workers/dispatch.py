@@ -19,8 +19,6 @@ from typing import Any, TypeVar
 from tridentify.errors import TridentifyError
 from tridentify.fleet.workers.engines import Engine
 
-__all__ = ["Batches", "Lost", "dispatch"]
-
 Item = TypeVar("Item")
 
 LEAST_SECONDS = 1.0
@@ -52,10 +50,6 @@ GONE = (
 )
 
 
-def _alike(item: Any) -> Hashable:
-    return None
-
-
 @dataclass
 class Batches:
     """Which items make up the next batch.
@@ -68,7 +62,7 @@ class Batches:
         Kind -> seconds an item, measured.
     """
 
-    kind: Callable[[Any], Hashable] = _alike
+    kind: Callable[[Any], Hashable] = lambda _: None
     rates: dict[Hashable, float] = field(default_factory=dict)
     _began: float = field(default_factory=time.monotonic)
 

@@ -17,8 +17,6 @@ from typing import Any
 from tridentify.errors import MissingDependencyError, OptionError, TridentifyError, shown
 from tridentify.fleet.workers.children import WORKERS
 
-__all__ = ["Engine", "engine"]
-
 CONNECT = "30s"
 """How long a scheduler may take to answer: it and its workers may be starting at this moment."""
 

@@ -26,8 +26,6 @@ from tridentify.fleet.workers.job import CRASHED, OVER_TIME, Item, Job, Limits, 
 from tridentify.numerics.threads import THREADS
 from tridentify.record.formats.isolation import ENVIRONMENT
 
-__all__ = ["ONE_THREAD", "Keeper"]
-
 ONE_THREAD = dict.fromkeys((*THREADS, "NUMBA_NUM_THREADS", "POLARS_MAX_THREADS"), "1")
 """There is one worker a core; a second thread in it would only fight for another worker's core, and
 sums over several threads round differently."""

@@ -21,13 +21,7 @@ from tridentify.record.record import Record
 from tridentify.studies.cramer_rao import information_factor, output_sensitivities
 from tridentify.studies.declared.methods import attempt
 from tridentify.studies.declared.nouns import DeclaredMethod, DeclaredNoise, StudyCell
-from tridentify.studies.declared.signals import (
-    ARMA,
-    STUDENT,
-    autocorrelation,
-    drawn,
-    samples_of,
-)
+from tridentify.studies.declared.signals import ARMA, STUDENT, autocorrelation, drawn, samples_of
 
 Row = Mapping[str, Any]
 """One draw by one method, as JSON holds it."""

@@ -215,7 +215,7 @@ def _system(section: _Section) -> DeclaredSystem:
 
 def _input(section: _Section) -> DeclaredInput:
     kind = section.take("kind", _one_of(INPUTS), _listed(INPUTS))
-    dt = section.take("dt", _positive, "a number above zero [s]")
+    dt = section.take("dt", _above(0), "a number above zero [s]")
     count = _count(1, MOST_SAMPLES)
     missing = () if kind == STEP else (None,)
     samples = section.take("samples", count, f"a whole number from 1 to {MOST_SAMPLES}", *missing)
@@ -246,7 +246,7 @@ def _noises(section: _Section) -> tuple[DeclaredNoise, ...]:
     )
     options: Options = ()
     if kind == STUDENT:
-        options = (("degrees", section.take("degrees", _above_two, "a number above 2")),)
+        options = (("degrees", section.take("degrees", _above(2), "a number above 2")),)
     elif kind == ARMA:
         expected = "numbers, the first not zero"
         options = tuple((n, section.take(n, _coefficients, expected, (1.0,))) for n in NOISES[ARMA])
@@ -341,18 +341,14 @@ def _number(value: object) -> float:
     return float(value)  # type: ignore[arg-type]
 
 
-def _positive(value: object) -> float:
-    number = _number(value)
-    if not number > 0:
-        raise ValueError
-    return number
+def _above(limit: float) -> Callable[[object], float]:
+    def check(value: object) -> float:
+        number = _number(value)
+        if not number > limit:
+            raise ValueError
+        return number
 
-
-def _above_two(value: object) -> float:
-    number = _number(value)
-    if not number > 2:
-        raise ValueError
-    return number
+    return check
 
 
 def _count(lowest: int, highest: int) -> Callable[[object], int]:

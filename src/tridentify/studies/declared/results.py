@@ -17,7 +17,7 @@ from typing import Any
 from tridentify.errors import OptionError, OutputPathError, UnreadableFileError, shown
 from tridentify.studies.declared.draw import Row
 from tridentify.writing.files import write_atomically
-from tridentify.writing.lock import lock
+from tridentify.writing.lock import alone_in
 
 SETTINGS = "study.json"
 ROWS = "draws.jsonl"
@@ -64,12 +64,7 @@ class DrawStore:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise self._refusal(error) from error
-        with lock(self.folder, patience=0.0) as held:
-            if not held:
-                raise OutputPathError(
-                    f"found another run at work in {shown(str(self.folder))}; expected one at a "
-                    "time; wait for it, or choose another folder"
-                )
+        with alone_in(self.folder):
             yield
 
     def begin(self, settings: Mapping[str, Any]) -> list[Row]:

@@ -15,8 +15,6 @@ from tridentify.fleet.workers.job import CRASHED, OVER_TIME, Limits, Outcome
 from tridentify.studies.declared.draw import Row, draw_row, no_answer
 from tridentify.studies.declared.nouns import DeclaredMethod, StudyCell
 
-__all__ = ["Draw", "rows_of"]
-
 LONGEST = 3600.0
 """What one draw may take [s]: what takes an hour where milliseconds are usual will not end."""
 
