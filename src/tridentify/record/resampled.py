@@ -74,6 +74,7 @@ class Resampled(Samples):
 
         Examples
         --------
+        >>> from tridentify import Record
         >>> Record([0, 0, 1, 1, 1], [0, 1, 2, 3, 4], dt=0.1).resample(0.2).y.ravel()
         array([0., 2., 4.])
         """
@@ -161,6 +162,7 @@ class Resampled(Samples):
 
         Examples
         --------
+        >>> from tridentify import Record
         >>> t = np.arange(2000) * 0.01
         >>> thin = Record(np.sin(t), np.cos(t), dt=0.01, intersample="foh").decimate(10)
         >>> thin

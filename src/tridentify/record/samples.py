@@ -89,6 +89,7 @@ class Samples:
 
         Examples
         --------
+        >>> from tridentify import Record
         >>> Record([0, 1, 1, 1], [0, 1, 2, 3], dt=0.1, intersample="auto").behaviour
         'zoh'
         """
@@ -104,6 +105,7 @@ class Samples:
 
         Examples
         --------
+        >>> from tridentify import Record
         >>> r, u = [0, 1, 1, 1], [0, 0.5, 0.8, 0.9]
         >>> measured = Record(u, [0, 1, 2, 3], dt=0.1, intersample="auto", reference=r)
         >>> measured.behaviour, measured.reference_behaviour
@@ -127,6 +129,7 @@ class Samples:
 
         Examples
         --------
+        >>> from tridentify import Record
         >>> Record([0, 1, 1, 1], [0, 1, 2, 3], dt=0.1).between("foh").intersample
         'foh'
         """
@@ -140,6 +143,7 @@ class Samples:
 
         Examples
         --------
+        >>> from tridentify import Record
         >>> Record([0, 1, 1, 1], [0, 1, 2, 3], dt=0.1).settled("foh").intersample
         'zoh'
         """

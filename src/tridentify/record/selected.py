@@ -40,6 +40,7 @@ class Selected(Samples):
 
         Examples
         --------
+        >>> from tridentify import Record
         >>> Record([0, 1, 1, 1], [0, 1, 2, 3], dt=0.1).slice(0.1, 0.3).n_samples
         3
         """
@@ -67,6 +68,7 @@ class Selected(Samples):
 
         Examples
         --------
+        >>> from tridentify import Record
         >>> first, second = Record([0, 1, 1, 1], [0, 1, 2, 3], dt=0.1).split(0.2)
         >>> first.n_samples, second.n_samples
         (2, 2)
@@ -115,6 +117,7 @@ class Selected(Samples):
 
         Examples
         --------
+        >>> from tridentify import Record
         >>> Record([0, 1, 1], [1.0, 2.0, 3.0], dt=0.1).detrend(1).y.round(12).ravel() + 0.0
         array([0., 0., 0.])
         """
@@ -158,6 +161,7 @@ class Selected(Samples):
 
         Examples
         --------
+        >>> from tridentify import Record
         >>> record = Record([0, 1], [[0, 5], [1, 6]], dt=0.1, output_names=["q", "alpha"])
         >>> record.select(outputs=["alpha"]).y.ravel()
         array([5., 6.])
@@ -213,6 +217,7 @@ class Selected(Samples):
 
         Examples
         --------
+        >>> from tridentify import Record
         >>> record = Record([0, 1, 1], [0.0, 1.0, 9.99], dt=0.1)
         >>> record.mask(record.y >= 9.99).y.ravel()
         array([ 0.,  1., nan])
@@ -251,6 +256,7 @@ class Selected(Samples):
 
         Examples
         --------
+        >>> from tridentify import Record
         >>> record = Record([0, 1, 1], [0.0, 1.0, 9.9], dt=0.1)
         >>> record.with_outputs(np.where(record.y >= 9.9, np.nan, record.y)).y.ravel()
         array([ 0.,  1., nan])

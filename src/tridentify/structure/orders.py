@@ -65,6 +65,7 @@ class Orders:
 
         Examples
         --------
+        >>> from tridentify import Structure
         >>> Structure(2, 0).poles_matrix(1, 2)
         ((2, 2),)
         """
@@ -89,6 +90,7 @@ class Orders:
 
         Examples
         --------
+        >>> from tridentify import Structure
         >>> Structure(2, [[1], [0]]).zeros_matrix(2, 1)
         ((1,), (0,))
         """
@@ -114,6 +116,7 @@ class Orders:
 
         Examples
         --------
+        >>> from tridentify import Structure
         >>> Structure(2, 0, delay=0.1).delay_matrix(1, 2)
         ((0.1, 0.1),)
         """
@@ -140,6 +143,7 @@ class Orders:
 
         Examples
         --------
+        >>> from tridentify import Structure
         >>> Structure(2, 1).n_parameters(2, 1)
         6
         """
@@ -173,6 +177,7 @@ class Orders:
 
         Examples
         --------
+        >>> from tridentify import Structure
         >>> num, den = Structure(2, 0).split([1.0, 3.0, 0.5])
         >>> num[0][0], den[0][0]
         (array([0.5]), array([1., 1., 3.]))

@@ -111,7 +111,7 @@ class FilterColumns:
 
         Examples
         --------
-        >>> from tridentify.estimation.methods.filtered.state_variable_filters import filter_cascade
+        >>> from tridentify.estimation.methods.filtered.filter_cascade import filter_cascade
         >>> columns = FilterColumns.of(filter_cascade([1.0, 3.0, 2.0], 2), 2)
         >>> lines = [columns.applied(sample, 0.1) for sample in np.eye(40)]
         >>> bool(np.allclose(columns.gram(40, 0.1), sum(c.T @ c for c in lines)))
