@@ -675,6 +675,7 @@ def test_dropped_datagrams_are_told_in_every_line_and_kept(run, file, tmp_path, 
     assert "8 datagrams were dropped" in second.err
 
 
+@pytest.mark.slow
 def test_datagrams_are_heard_on_the_loopback_address(file):
     header, *rows = lines_of(file)
     process = start(
