@@ -70,6 +70,7 @@ def test_it_is_refused_where_it_is_asked_for(method):
         identify(held(0.0), Structure(2, 1), method)
 
 
+@pytest.mark.unjudged
 def test_one_experiment_that_moves_is_enough():
     rng, r = np.random.default_rng(1), np.repeat([0.0, 1.0, -1.0, 1.0], 150)
 

@@ -7,6 +7,8 @@ import pytest
 
 from tridentify import Record, Structure, TransferFunction, select_structure, simulate
 
+pytestmark = pytest.mark.unjudged
+
 CANDIDATES = [(1, 0), (2, 0), (2, 1), (3, 1)]
 
 

@@ -114,6 +114,7 @@ def vehicle(seed):
     return Record(u, y, dt=dt, intersample="auto")
 
 
+@pytest.mark.unjudged
 def test_a_late_heater_is_no_further_pole_where_the_order_is_open():
     rng = np.random.default_rng(0)
     u = np.repeat(rng.choice([-1.0, 1.0], 30), 8)

@@ -18,13 +18,14 @@ def warm() -> None:
         activity.stage("compiling: on-line estimators")
         from tridentify.online.kernels import (
             blocks,
+            equation,
             equation_block,
             gradient,
             parallel_block,
             run,
         )
 
-        loaded = *loaded, blocks, equation_block, gradient, parallel_block, run
+        loaded = *loaded, blocks, equation, equation_block, gradient, parallel_block, run
     show(
         paragraph(f"Compiled functions are ready ({len(loaded)} files): later commands load them.")
     )
