@@ -102,8 +102,9 @@ def _judged_where_it_counts(
         monkeypatch.setattr(choice, "judged", _of_the_method)
 
 
-def _blank(_drawing: object, buffer: Any, _name: str) -> None:
-    buffer.write('<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1 1"></svg>')
+def _blank(_drawing: object, buffer: Any, name: str) -> None:
+    text = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1 1"></svg>'
+    buffer.write(text if name == "svg" else text.encode())
 
 
 @pytest.fixture(autouse=True)

@@ -34,7 +34,7 @@ def chamber(seed):
 
 def drive(seed):
     """Voltage to the angle of an encoder, with dry friction."""
-    rng, dt, n = np.random.default_rng(seed), 0.005, 1200
+    rng, dt, n = np.random.default_rng(seed), 0.005, 600
     u = held(rng, -6.0, 6.0, n, 30)
     angle = speed = 0.0
     y = np.empty(n)
