@@ -577,6 +577,7 @@ def test_a_folder_that_cannot_be_written_is_refused_at_once(run, file, tmp_path)
     assert "--checkpoint" in outcome.error_lines[0]
 
 
+@pytest.mark.slow
 def test_a_reader_that_goes_ends_it_quietly(file):
     process = start("stream", file, *QUESTION, "--every", 0.1, stderr=subprocess.PIPE)
     assert process.stdout is not None

@@ -253,20 +253,9 @@ def test_a_new_state_has_seen_nothing(key):
         method.estimate(state)
 
 
-# Steps of three models cost ten times those of the others; their blocks are compared with their
-# steps on other structures and damages in `test_online_blocks`.
-FOLDED_IN_FULL = ("first order", "one zero", "two outputs", "trimmed", "late", "straight lines")
-
-
-@pytest.mark.parametrize(
-    ("key", "case"),
-    [
-        pytest.param(key, case, marks=[pytest.mark.slow] if costly else [])
-        for key in METHODS
-        for case in CASES
-        for costly in [key == "three-model" and case not in FOLDED_IN_FULL]
-    ],
-)
+# Blocks are compared with steps on other structures and damages in `test_online_blocks`.
+@every_case
+@every_method
 @pytest.mark.fast(
     "three-model-one zero",
     "three-model-two outputs",
