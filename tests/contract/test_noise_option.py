@@ -21,8 +21,6 @@ from oracles import by_exponential
 from tridentify import Estimate, Record, Structure, ThreeModel, TridentifyError, identify
 from tridentify import errors as err
 
-pytestmark = pytest.mark.unjudged
-
 REST = {"offset": False, "initial_state": "rest"}
 STRUCTURE = Structure(2, 1, **REST)
 TRUTH = np.array([1.0, 3.0, 0.2, 0.5])
@@ -206,7 +204,6 @@ def test_prediction_and_residual_stay_those_of_the_output(mode):
 
 
 @coloured
-@pytest.mark.judged
 def test_save_load_pickle_and_words_keep_the_noise_model(mode, tmp_path):
     _, found = solved(mode)
     found.save(tmp_path / "model.json")
@@ -219,7 +216,6 @@ def test_save_load_pickle_and_words_keep_the_noise_model(mode, tmp_path):
     assert "noise" in told.lower()
 
 
-@pytest.mark.judged
 def test_white_on_coloured_noise_is_cautioned_and_auto_is_not():
     (_, plain), (_, found) = solved("white"), solved("auto")
     assert any("white" in line or "colour" in line for line in plain.cautions)
