@@ -51,7 +51,7 @@ def driven(kind, seed):
 @pytest.mark.parametrize(
     "seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in range(2, 6))]
 )
-@pytest.mark.fast("1-behind-*", "1-friction-*")
+@pytest.mark.fast("1-behind-*")
 def test_play_is_told_from_friction(kind, said, seed):
     found = first_of(driven(kind, seed))
     if not said:
