@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Generator, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import hypothesis
 import pytest
@@ -101,6 +102,23 @@ def _judged_where_it_counts(
         monkeypatch.setattr(choice, "judged", _of_the_method)
 
 
+def _blank(_drawing: object, buffer: Any, name: str) -> None:
+    text = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1 1"></svg>'
+    buffer.write(text if name == "svg" else text.encode())
+
+
+@pytest.fixture(autouse=True)
+def _drawn_where_it_is_looked_at(
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Write blank pictures, where a test looks at other things of a report: most of its time.
+
+    `make test-all` draws them all.
+    """
+    if QUICK and request.node.get_closest_marker("undrawn"):
+        monkeypatch.setattr("tridentify.report.pictures._save", _blank)
+
+
 @pytest.fixture(scope="module", autouse=True)
 def _judged_where_a_file_counts(request: pytest.FixtureRequest) -> Iterator[None]:
     """The same for what the tests of a file share, where none of them reads findings."""
@@ -109,4 +127,6 @@ def _judged_where_a_file_counts(request: pytest.FixtureRequest) -> Iterator[None
     with pytest.MonkeyPatch.context() as patch:
         if QUICK and numbers and not any(item.get_closest_marker("judged") for item in own):
             patch.setattr(choice, "judged", _of_the_method)
+        if QUICK and request.node.get_closest_marker("undrawn"):
+            patch.setattr("tridentify.report.pictures._save", _blank)
         yield

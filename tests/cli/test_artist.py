@@ -30,19 +30,24 @@ def _two_processors(monkeypatch):
 
 
 @pytest.mark.usefixtures("_two_processors")
-def test_another_process_draws_the_same_pictures(case):
+@pytest.mark.parametrize("part", ["model", "tests"])
+@pytest.mark.fast("tests")
+def test_another_process_draws_the_same_pictures(case, part):
     record, estimate = case
-    checked = validate(estimate, record)
     with hired() as artist:
         assert isinstance(artist, Beside)
-        found = estimate_model(record, Structure(2, 0), artist=artist)
-        pictures = [*artist.model(found, [record]), *artist.tests(checked)()]
-    here = [*Here().model(estimate, [record]), *Here().tests(checked)()]
+        if part == "model":
+            found = estimate_model(record, Structure(2, 0), artist=artist)
+            pictures, here = artist.model(found, [record]), Here().model(estimate, [record])
+        else:
+            checked = validate(estimate, record)
+            pictures, here = artist.tests(checked)(), Here().tests(checked)()
     assert [p.stem for p in pictures] == [p.stem for p in here]
     assert [p.svg for p in pictures] == [p.svg for p in here]
 
 
 @pytest.mark.usefixtures("_two_processors")
+@pytest.mark.undrawn
 def test_a_process_that_dies_leaves_the_drawing_to_this_one(case):
     record, estimate = case
     with hired() as artist:

@@ -12,6 +12,8 @@ import pytest
 from tridentify import Estimate, Structure, compare, identify, read_record
 from tridentify.export import write_json
 
+pytestmark = pytest.mark.unjudged
+
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory, table_at, held):

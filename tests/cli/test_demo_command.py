@@ -19,6 +19,8 @@ from tridentify.cli import demo_command, main
 from tridentify.cli.run import estimate_model
 from tridentify.cli.terminal import own_command
 
+pytestmark = pytest.mark.undrawn
+
 NUMERATORS = [
     "b1 s + b0, with noise",
     "b alone, with noise",

@@ -16,6 +16,8 @@ from tridentify import (
 )
 from tridentify.export import write_json
 
+pytestmark = pytest.mark.unjudged
+
 
 @pytest.fixture
 def model(tmp_path):

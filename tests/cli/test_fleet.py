@@ -64,6 +64,7 @@ def test_units_of_one_file_by_a_column_on_two_processes(run, tmp_path):
     assert json.loads(outcome.out)["status"] == {"converged": 3}
 
 
+@pytest.mark.undrawn
 def test_together_and_pool_are_told_and_a_unit_apart_gets_its_report(run, tmp_path):
     rng = np.random.default_rng(2)
     truth = fleets.TRUTH * np.exp(0.05 * rng.standard_normal((32, 3)))

@@ -339,6 +339,7 @@ def test_noise_is_refused_with_a_method_that_has_no_choice_of_it(run, noisy, que
 
 
 # ------------------------------------------------------------------------------------- the files
+@pytest.mark.undrawn
 def test_out_writes_everything_and_keeps_what_is_there(run, tmp_path, noisy, question):
     folder = tmp_path / "deep" / "result"
     folder.mkdir(parents=True)
@@ -361,6 +362,7 @@ def test_out_writes_everything_and_keeps_what_is_there(run, tmp_path, noisy, que
     assert sorted(path.name for path in tmp_path.iterdir()) == ["deep", "noisy.csv"]
 
 
+@pytest.mark.undrawn
 def test_the_terminal_says_what_the_report_says(run, tmp_path):
     rng = np.random.default_rng(11)
     u = np.repeat(rng.choice([-1.0, 1.0], 100), 6)
@@ -462,17 +464,26 @@ def python(*arguments: object, **environment: str) -> subprocess.CompletedProces
     )
 
 
-def test_the_module_runs_in_its_own_process_without_utf8(write_table, clean):
+@pytest.mark.parametrize(
+    ("command", "options"),
+    [
+        ("channels", []),
+        ("identify", ["--input", "elevator", "--output", "α", "--poles", 2, "--zeros", 1]),
+    ],
+    ids=["channels", "identify"],
+)
+@pytest.mark.fast("channels")
+def test_the_module_runs_in_its_own_process_without_utf8(write_table, clean, command, options):
     path = write_table("greek.csv", clean | {"α": clean["q"]})
-    options = ["--input", "elevator", "--output", "α", "--poles", 2, "--zeros", 1]
     plain = {"PYTHONIOENCODING": "ascii", "NO_COLOR": "1"}
-    done = python("identify", path, *options, **plain)
+    done = python(command, path, *options, **plain)
     assert done.returncode == 0, done.stderr
     assert b"\\u03b1" in done.stdout
     assert done.stdout.isascii()
     assert done.stderr.isascii()
 
 
+@pytest.mark.slow
 def test_a_reader_that_has_seen_enough_is_no_error(noisy, question):
     command = [sys.executable, "-m", "tridentify", "identify", str(noisy), *question]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
@@ -517,6 +528,7 @@ def test_an_interrupt_leaves_nothing_behind(run, tmp_path, noisy, question, monk
     assert [path.name for path in tmp_path.iterdir()] == ["noisy.csv"]
 
 
+@pytest.mark.undrawn
 def test_a_failure_while_writing_leaves_nothing_behind(run, tmp_path, noisy, question, monkeypatch):
     import tridentify.report.html as report
 

@@ -144,6 +144,7 @@ def test_several_files_are_several_experiments(run, write_table):
     assert both["parameters"][0]["std"] < alone["parameters"][0]["std"]
 
 
+@pytest.mark.undrawn
 def test_the_folder_holds_parameters_coefficients_and_report(run, flight, tmp_path):
     options = ["--model", "short-period", "--input", "elevator"]
     document = answered(

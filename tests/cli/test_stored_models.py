@@ -10,6 +10,8 @@ import pytest
 
 from tridentify import Structure, identify, read_record
 
+pytestmark = pytest.mark.unjudged
+
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory, table_at, held):

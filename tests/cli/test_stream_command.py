@@ -577,6 +577,7 @@ def test_a_folder_that_cannot_be_written_is_refused_at_once(run, file, tmp_path)
     assert "--checkpoint" in outcome.error_lines[0]
 
 
+@pytest.mark.slow
 def test_a_reader_that_goes_ends_it_quietly(file):
     process = start("stream", file, *QUESTION, "--every", 0.1, stderr=subprocess.PIPE)
     assert process.stdout is not None
@@ -675,6 +676,7 @@ def test_dropped_datagrams_are_told_in_every_line_and_kept(run, file, tmp_path, 
     assert "8 datagrams were dropped" in second.err
 
 
+@pytest.mark.slow
 def test_datagrams_are_heard_on_the_loopback_address(file):
     header, *rows = lines_of(file)
     process = start(

@@ -49,7 +49,7 @@ def shell(command: str, *, cwd: Path | None = None) -> subprocess.CompletedProce
         pytest.param("$T --version <&-", 0, "", marks=pytest.mark.slow),
     ],
 )
-@pytest.mark.fast("*full*", "$T channels*")
+@pytest.mark.fast("$T --version >/dev/full*", "$T channels none.csv <&- >&-*", "*head*")
 def test_a_stream_that_cannot_be_used_ends_in_one_line(command, code, says, tmp_path):
     done = shell(command, cwd=tmp_path)
     assert done.returncode == code, done.stderr
@@ -107,7 +107,7 @@ sys.exit(main())
         *(pytest.param(name, marks=pytest.mark.slow) for name in ("typer", "scipy.linalg")),
     ],
 )
-@pytest.mark.fast("numpy", "tridentify.cli.app")
+@pytest.mark.fast("numpy")
 def test_ctrl_c_while_the_program_is_loaded(name, noisy, question):
     code = WAITING.format(name=name, words=["identify", str(noisy), *question])
     done = subprocess.run(

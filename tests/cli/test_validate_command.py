@@ -9,6 +9,8 @@ import pytest
 
 from tridentify import Structure, ThreeModel, identify, read_record
 
+pytestmark = pytest.mark.unjudged
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):

@@ -32,6 +32,18 @@ def test_every_file_with_machine_code_of_an_identification_is_loaded():
             assert path in loaded
 
 
+def test_every_file_with_machine_code_of_the_on_line_estimators_is_loaded(run, monkeypatch):
+    import tridentify.online.kernels as room
+
+    for name in [name for name in sys.modules if name.startswith(f"{room.__name__}.")]:
+        monkeypatch.delitem(sys.modules, name)
+        monkeypatch.delattr(room, name.rpartition(".")[2])
+    run("warm")
+    for path in Path(str(room.__file__)).parent.glob("*.py"):
+        if "@compiled(" in path.read_text(encoding="utf-8"):
+            assert f"{room.__name__}.{path.stem}" in sys.modules
+
+
 COUNTED = """
 import json
 from tridentify.estimation import machine_code

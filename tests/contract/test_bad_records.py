@@ -16,6 +16,8 @@ import pytest
 from tridentify import METHODS, Record, Structure, TridentifyError, identify
 from tridentify import errors as err
 
+pytestmark = pytest.mark.unjudged
+
 DT = 0.05
 every_method = pytest.mark.parametrize("key", list(METHODS), ids=str)
 

@@ -253,28 +253,16 @@ def test_a_new_state_has_seen_nothing(key):
         method.estimate(state)
 
 
-# Steps of three models cost ten times those of the others; their blocks are compared with their
-# steps on other structures and damages in `test_online_blocks`.
-FOLDED_IN_FULL = ("first order", "one zero", "two outputs", "trimmed", "late", "straight lines")
-
-
-@pytest.mark.parametrize(
-    ("key", "case"),
-    [
-        pytest.param(key, case, marks=[pytest.mark.slow] if costly else [])
-        for key in METHODS
-        for case in CASES
-        for costly in [key == "three-model" and case not in FOLDED_IN_FULL]
-    ],
-)
+# Blocks are compared with steps on other structures and damages in `test_online_blocks`.
+@every_case
+@every_method
 @pytest.mark.fast(
-    "three-model-*",
+    "three-model-one zero",
+    "three-model-two outputs",
+    "three-model-trimmed",
     "gradient-two outputs",
-    "gradient-late",
     "least squares-two outputs",
-    "least squares-trimmed",
     "kalman-two outputs",
-    "kalman-first order",
 )
 def test_running_is_folding_bit_for_bit(key, case, walked, tmp_path):
     method, record, run = walked
@@ -344,7 +332,8 @@ def test_one_record_and_a_list_of_one_are_the_same(key, tmp_path):
 @every_method
 @pytest.mark.parametrize("case", ["one zero", "two inputs", "two outputs", "trimmed", "late"])
 @pytest.mark.fast(
-    "*-three-model",
+    "one zero-three-model",
+    "trimmed-three-model",
     "one zero-gradient",
     "two outputs-kalman",
     "two inputs-least squares",
@@ -414,7 +403,7 @@ def test_two_streams_do_not_disturb_each_other(key, tmp_path):
 @pytest.mark.judged
 @every_method
 @every_case
-@pytest.mark.fast("*-three-model", "two outputs-*", "one zero-*")
+@pytest.mark.fast("first order-*", "two outputs-*", "one zero-*")
 def test_an_estimate_is_whole(key, case, walked, tmp_path):
     method, record, run = walked
     estimate = method.estimate(run.state)

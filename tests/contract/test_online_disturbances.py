@@ -44,6 +44,8 @@ FORGETTING = {
 }
 # How far from the truth an answer on a clean record of this noise may be, relative.
 NEAR = {"three-model": 0.08, "least squares": 0.2, "kalman": 0.2, "gradient": 0.3}
+EVERY = 5.0
+"""Seconds between the points of a run; each costs an estimate."""
 every_method = pytest.mark.parametrize("key", list(PLAIN), ids=str)
 
 
@@ -107,7 +109,7 @@ def test_missing_outputs_are_flagged_and_survived(key):
     u, y, _ = signals(3500)
     y[np.random.default_rng(2).random(y.size) < 0.1] = np.nan
     y[2000:2200] = np.nan
-    run = online.run(PLAIN[key], Record(u, y, dt=DT), ASKED)
+    run = online.run(PLAIN[key], Record(u, y, dt=DT), ASKED, every=EVERY)
     assert off(sane(run).theta) < NEAR[key]
     assert run.state.seen & Flag.MISSING_OUTPUT
     for k, flag in enumerate(every_flag(PLAIN[key], u[:2400], y[:2400])):
@@ -120,7 +122,7 @@ def test_missing_outputs_are_flagged_and_survived(key):
 def test_missing_from_the_first_sample(key):
     u, y, _ = signals(3000)
     y[:300] = np.nan
-    run = online.run(PLAIN[key], Record(u, y, dt=DT), Structure(2, 1, **FREE))
+    run = online.run(PLAIN[key], Record(u, y, dt=DT), Structure(2, 1, **FREE), every=EVERY)
     assert off(sane(run).theta) < NEAR[key]
 
 
@@ -184,7 +186,7 @@ def test_jitter_does_not_bias(key):
     u = levels(4000)
     y = simulate(PLANT, Record(u, u, t=t))[:, 0]
     y = y + 0.05 * y.std() * rng.standard_normal(4000)
-    run = online.run(PLAIN[key], Record(u, y, t=t), ASKED)
+    run = online.run(PLAIN[key], Record(u, y, t=t), ASKED, every=EVERY)
     assert off(sane(run).theta) < NEAR[key]
 
 
@@ -243,7 +245,8 @@ def test_an_output_that_is_clipped(key):
     limit = 1.3 * np.std(y)
     share = np.mean(np.abs(y) > limit)
     assert 0.05 < share < 0.3
-    run = online.run(PLAIN[key], Record(u, np.clip(y, -limit, limit), dt=DT), ASKED)
+    clipped = Record(u, np.clip(y, -limit, limit), dt=DT)
+    run = online.run(PLAIN[key], clipped, ASKED, every=EVERY)
     assert run.state.seen & Flag.SATURATED
     assert off(sane(run).theta) < 2 * NEAR[key]
 
@@ -256,7 +259,7 @@ def test_one_outlier_is_flagged_and_does_nothing(key):
     clean = online.run(PLAIN[key], Record(u, y, dt=DT), ASKED).estimate
     wrong = y.copy()
     wrong[2000] += 100.0 * np.std(y)
-    run = online.run(PLAIN[key], Record(u, wrong, dt=DT), ASKED)
+    run = online.run(PLAIN[key], Record(u, wrong, dt=DT), ASKED, every=EVERY)
     assert every_flag(PLAIN[key], u[:2001], wrong[:2001])[2000] & Flag.OUTLIER
     assert not run.state.seen & Flag.CHANGED
     found = sane(run)
@@ -271,7 +274,7 @@ def test_one_sample_in_twenty_is_an_outlier(key):
     rng = np.random.default_rng(11)
     wrong = rng.random(y.size) < 0.05
     y[wrong] += 30.0 * sigma * rng.standard_normal(int(wrong.sum()))
-    run = online.run(PLAIN[key], Record(u, y, dt=DT), ASKED)
+    run = online.run(PLAIN[key], Record(u, y, dt=DT), ASKED, every=EVERY)
     assert run.state.seen & Flag.OUTLIER
     found = sane(run)
     assert off(found.theta) < 2 * NEAR[key]
@@ -586,7 +589,7 @@ def test_a_state_does_not_grow(tmp_path):
 
 
 @pytest.mark.parametrize("rate", [1e-300, 1e-9, 1e3, 1e12, 1e300])
-@pytest.mark.fast("1e+300", "1e-300")
+@pytest.mark.fast("1e+300")
 def test_no_rate_blows_a_gradient_up(rate):
     """Backward Euler with normalised steps is stable for any rate."""
     u, y, sigma = signals(5000)
@@ -601,6 +604,7 @@ def test_no_rate_blows_a_gradient_up(rate):
 
 
 @pytest.mark.parametrize("scale", [1e-12, 1e12])
+@pytest.mark.fast("1000000000000.0")
 def test_normalised_steps_do_not_know_the_size_of_the_signals(scale):
     u, y, _ = signals(20_000)
     plain = online.run(online.Gradient(), Record(u, y, dt=DT), ASKED).estimate

@@ -27,10 +27,12 @@ def held(level, n=600):
     return Record(u, y, dt=0.1, reference=np.full(n, level))
 
 
-def test_a_set_point_that_never_moves_is_none():
-    record, quick = held(1.0), ThreeModel(starts=1, finish="likelihood")
+@pytest.mark.parametrize(("noise", "route"), [("white", "open-loop"), ("auto", "direct")])
+@pytest.mark.fast("white-open-loop")
+def test_a_set_point_that_never_moves_is_none(noise, route):
+    record, quick = held(1.0), ThreeModel(starts=1, noise=noise, finish="likelihood")
     found = identify(record, Structure(2, 1), quick)
-    assert found.route == "direct"
+    assert found.route == route
     assert "the references never move: taken as none" in found.trace.decisions
     assert "loop-not-excited" in {one.code for one in found.findings}
 
@@ -68,6 +70,7 @@ def test_it_is_refused_where_it_is_asked_for(method):
         identify(held(0.0), Structure(2, 1), method)
 
 
+@pytest.mark.unjudged
 def test_one_experiment_that_moves_is_enough():
     rng, r = np.random.default_rng(1), np.repeat([0.0, 1.0, -1.0, 1.0], 150)
 

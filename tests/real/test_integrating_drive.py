@@ -55,6 +55,7 @@ def test_mass_and_friction_with_the_direction_as_an_input(drive):
     assert any("not white" in line for line in found.cautions)
 
 
+@pytest.mark.unjudged
 def test_without_it_dry_friction_counts_as_mass_and_viscous_friction(drive):
     force, _, position = drive
     found = identify(Record(force, position, dt=1e-3), STRUCTURE, ThreeModel(noise="white"))

@@ -11,6 +11,7 @@ from tridentify.numerics.realization import cascade, roots_of, row_of
 from tridentify.uncertainty import bootstrap
 
 
+@pytest.mark.unjudged
 def test_a_copy_that_ends_at_once_ends_where_the_search_would(monkeypatch):
     rng = np.random.default_rng(0)
     u = np.repeat(rng.choice([-1.0, 1.0], 40), 6)

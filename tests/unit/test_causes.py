@@ -173,6 +173,7 @@ def with_two_poles(made, seed):
 
 
 @pytest.mark.parametrize("code", CAUSES)
+@pytest.mark.fast("lost-rows", "varying", "disagreeing-experiments")
 def test_the_cause_is_named_first(code):
     estimate = with_two_poles(CAUSES[code], 3)
     first = estimate.findings[0]
@@ -325,6 +326,7 @@ def test_a_smooth_measured_input_is_no_feedback(between):
         assert codes[0] == "intersample"
 
 
+@pytest.mark.slow
 def test_a_reference_that_stands_still_for_long_does_not_hide_the_controller():
     # a short record: the steps of the reference are all that a plain regression sees
     steps = np.repeat([0.0, 1.0, 0.5, 2.0], 50)

@@ -51,6 +51,7 @@ def driven(kind, seed):
 @pytest.mark.parametrize(
     "seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in range(2, 6))]
 )
+@pytest.mark.fast("1-behind-*")
 def test_play_is_told_from_friction(kind, said, seed):
     found = first_of(driven(kind, seed))
     if not said:
@@ -80,14 +81,14 @@ def test_play_is_that_of_one_sample_after_the_other():
     assert np.allclose(play(x, widths, 0.0), slowly)
 
 
-def struck(seed, size=0.3, blows=5):
+def struck(seed, size=0.3, blows=5, seconds=3.0):
     """A mass on a spring struck by a hammer, whose force sensor has noise of its own."""
     rng = np.random.default_rng(seed)
     dt, over = 0.001, 10
-    t = np.arange(0.0, 3.0, dt / over)
+    t = np.arange(0.0, seconds, dt / over)
     force = np.zeros(t.size)
     for k in range(blows):
-        begin = 2.8 * k / blows + rng.uniform(0.05, 0.25)
+        begin = seconds * (14.0 / 15.0) * k / blows + rng.uniform(0.05, 0.25)
         width, height = rng.uniform(0.004, 0.007), rng.uniform(100.0, 400.0)
         on = (t >= begin) & (t < begin + width)
         force[on] = height * np.sin(np.pi * (t[on] - begin) / width)
@@ -104,7 +105,7 @@ def test_blows_of_a_hammer_are_no_bend(seed):
 
 
 def test_noise_of_an_input_at_rest_is_named():
-    found = first_of(struck(1, size=1.0))
+    found = first_of(struck(1, size=1.0, blows=3, seconds=1.5))
     assert found.code == "input-noise"
     assert "stands still between its pulses" in found.message
 
@@ -152,6 +153,7 @@ def clipped(seed, spikes=4):
 
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("spikes", [1, 4])
+@pytest.mark.fast("4-1")
 def test_a_spike_makes_no_hung_sensor_of_a_limit(seed, spikes):
     codes = [
         one.code
@@ -199,6 +201,7 @@ def test_a_delay_alone_is_named_alone():
     assert "together" not in found.message
 
 
+@pytest.mark.slow
 def test_what_the_record_does_not_tell_is_said():
     found = first_of(late(1, True, 0.1))
     assert found.code == "delay"
@@ -221,7 +224,7 @@ def test_a_delay_is_to_be_estimated_only_where_it_can_be(zeros, free):
 def test_small_moves_of_a_controller_are_no_noise_of_the_input():
     """A position loop whose set point steps now and then: spikes of the input, and feedback."""
     rng = np.random.default_rng(3)
-    n, place, before = 1500, np.zeros(2), 0.0
+    n, place, before = 600, np.zeros(2), 0.0
     wanted = np.repeat(rng.uniform(-1.0, 1.0, n // 100), 100)
     u, y = np.zeros(n), np.zeros(n)
     for k in range(n):
@@ -315,6 +318,7 @@ def battery(noise, seed):
 @pytest.mark.parametrize(
     "seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in range(2, 7))]
 )
+@pytest.mark.fast("1-fixed1")
 def test_noise_of_a_current_sensor_is_no_controller(seed, fixed):
     estimate = identify(battery(0.05, seed), Structure(2, 2, fixed=fixed), throw=False)
     assert estimate.status.ok

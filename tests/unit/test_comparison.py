@@ -127,6 +127,7 @@ def test_a_shifted_trim_leaves_the_fit(name):
     assert compare(model, moved).fits == pytest.approx(compare(model, record).fits, abs=1e-6)
 
 
+@pytest.mark.unjudged
 def test_an_offset_is_fitted_where_prediction_holds_it():
     model = CASES["second order"][0]
     first = noisy(model, EVEN, "zoh", 1)
@@ -312,6 +313,7 @@ def test_anything_else_is_refused_in_one_line(arguments, error, message):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.unjudged
 def test_names_tell_the_models_apart():
     model = CASES["second order"][0]
     record = noisy(model, EVEN, "zoh")

@@ -7,6 +7,8 @@ import pytest
 
 from tridentify import Record, Structure, TransferFunction, select_structure, simulate
 
+pytestmark = pytest.mark.unjudged
+
 CANDIDATES = [(1, 0), (2, 0), (2, 1), (3, 1)]
 
 
@@ -66,6 +68,7 @@ def test_a_delay_is_found_beside_what_is_slow_and_not_linear(seed):
     assert chosen.label in ("1, 0, free delay", "2, 0, free delay")
 
 
+@pytest.mark.slow
 def test_a_delay_that_is_worth_more_than_a_pole_gets_a_row():
     asked = [(1, 0), (2, 0), (4, 2)]
     rows = select_structure(circuit(0, 240), asked, delays=True).rows

@@ -43,6 +43,7 @@ def test_jumps_of_input_and_output_together_are_no_lost_rows(seed: int) -> None:
     assert not told & {"lost-rows", "bad-samples", "feedback"}
 
 
+@pytest.mark.unjudged
 def test_as_many_zeros_as_poles_are_tried_unasked() -> None:
     record = battery(1)
     assert has_direct_part([record])

@@ -273,6 +273,7 @@ def test_record_with_other_channels_is_refused(single, double):
         single.estimate.predict(double.record)
 
 
+@pytest.mark.unjudged
 def test_a_natural_frequency_that_is_held_has_no_standard_error():
     u = np.sign(np.sin(np.arange(400) ** 1.5))
     y = simulate(TransferFunction([1.0], [1.0, 1.0, 3.0]), Record(u, u, dt=0.05))

@@ -45,6 +45,7 @@ def too_low():
     return identify(record, (1, 0)), record
 
 
+@pytest.mark.undrawn
 def test_a_model_that_a_constant_beats_is_not_usable_and_says_why(too_low):
     estimate, record = too_low
     assert estimate.fit[0] < 0.0

@@ -22,6 +22,7 @@ def record():
     return Record(u, y + 0.05 * np.std(y) * rng.standard_normal(240), dt=0.05)
 
 
+@pytest.mark.unjudged
 def test_numbers_and_a_pair_are_a_structure(record):
     wanted = identify(record, Structure(2, 1)).theta
     assert np.array_equal(identify(record, poles=2, zeros=1).theta, wanted)

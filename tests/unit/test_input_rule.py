@@ -10,6 +10,8 @@ import tridentify as tri
 from oracles import continuous_loop, sampled_loop
 from tridentify.estimation.closed_loop.input_rule import InputRule, input_rule
 
+pytestmark = pytest.mark.unjudged
+
 DT, FINE, N = 0.1, 10, 700
 CHANNEL = ([1.0, 2.0], [1.0, 1.2, 4.0])
 TRUTH = np.array([1.2, 4.0, 1.0, 2.0])

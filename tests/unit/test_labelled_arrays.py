@@ -145,6 +145,7 @@ def test_a_plain_index_is_no_time() -> None:
 @pytest.mark.parametrize(
     "asked", [((Structure(1, 0),), {}), ((), {"poles": 1, "zeros": 0}), (((1, 0),), {})]
 )
+@pytest.mark.unjudged
 def test_orders_may_be_given_in_every_way(asked) -> None:
     rng = np.random.default_rng(4)
     u = np.repeat(rng.choice([-1.0, 1.0], 20), 5)

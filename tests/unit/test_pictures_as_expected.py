@@ -73,6 +73,7 @@ def test_given_axes_open_no_figure(single):
     assert plots.plot_step(single.estimate, axes=part.subplots()).figure is part.figure
 
 
+@pytest.mark.undrawn
 def test_what_goes_into_files_stays_out_of_pyplot(single, tmp_path):
     write_report(single.estimate, single.record, tmp_path / "r.html", figures=tmp_path)
     save_figures(single.estimate, single.record, tmp_path)
@@ -276,6 +277,7 @@ def test_arguments_in_the_order_of_other_packages(single):
 
 
 # ----------------------------------------------------------------- what an estimate can be asked
+@pytest.mark.undrawn
 def test_an_estimate_and_a_model_draw_themselves(single, tmp_path):
     estimate, model = single.estimate, single.estimate.model
     for one in (estimate, model):

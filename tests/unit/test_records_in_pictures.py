@@ -166,6 +166,7 @@ def test_a_delay_is_told_with_its_standard_error(gapped):
     assert "not uniform" in rows["record"]
 
 
+@pytest.mark.undrawn
 def test_settings_name_loss_outliers_experiments_and_channels(spiky, tmp_path):
     record, estimate = spiky
     rows = dict(settings_table(estimate, [record]))

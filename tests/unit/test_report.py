@@ -346,6 +346,7 @@ def test_report_replaces_an_older_one(single, tmp_path):
     assert [item.name for item in tmp_path.iterdir()] == ["report.html"]
 
 
+@pytest.mark.unjudged
 def test_equalities_are_written_as_one_writes_them():
     u = np.sign(np.sin(np.arange(200) ** 1.5))
     record = Record(u, u, dt=0.02)

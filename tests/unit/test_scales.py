@@ -29,6 +29,8 @@ from tridentify.numerics.rational import scaled_roots
 from tridentify.numerics.realization import cascade
 from tridentify.numerics.sampled import Sampled, States
 
+pytestmark = pytest.mark.unjudged
+
 U = np.repeat(np.random.default_rng(1).choice([-1.0, 1.0], 20), 4)
 PLANT = TransferFunction([3.0], [1.0, 1.5, 3.0])
 Y = simulate(PLANT, Record(U, U, dt=0.1))[:, 0]
@@ -118,6 +120,7 @@ def test_signals_whose_products_of_variances_are_no_numbers_are_not_identified_f
     ],
 )
 @pytest.mark.fast("0-0-37")
+@pytest.mark.judged
 def test_what_just_enters_is_identified_and_judged_as_in_any_unit(into, out, time):
     plain = identify(Record(U, Y, dt=0.1), FIRST, OutputError(), throw=False)
     record = Record(U * 10.0**into, Y * 10.0**out, dt=0.1 * 10.0**time)

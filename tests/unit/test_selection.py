@@ -32,6 +32,8 @@ from tridentify.judgement.selection.held_out import (
     most_held,
 )
 
+pytestmark = pytest.mark.unjudged
+
 PLANT = TransferFunction([2.0, 3.0], [1.0, 2.0, 9.0])
 
 

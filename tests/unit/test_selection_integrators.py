@@ -8,6 +8,8 @@ from scipy.linalg import expm
 from oracles import by_exponential
 from tridentify import Record, Structure, select_structure
 
+pytestmark = pytest.mark.unjudged
+
 
 def charged_battery(seed: int) -> Record:
     """Voltage under current pulses: two lags, a resistance, and a charge that is drained."""

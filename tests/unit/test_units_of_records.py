@@ -12,6 +12,8 @@ from tridentify.estimation.machine_code import load_kernels
 from tridentify.excitation import doublet
 from tridentify.physical import PhysicalParameter
 
+pytestmark = pytest.mark.unjudged
+
 N = 200
 
 

@@ -29,6 +29,8 @@ from tridentify.errors import (
 )
 from tridentify.judgement.validation.residuals import look, root_of
 
+pytestmark = pytest.mark.unjudged
+
 DT, N = 0.05, 600
 PLANT = TransferFunction([9.0], [1.0, 1.2, 9.0])
 NAMES = {"input_names": ["elevator"], "output_names": ["q"]}
