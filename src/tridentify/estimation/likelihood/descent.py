@@ -26,6 +26,9 @@ TOGETHER = 4_000
 """Samples that the steps of one call go through, all told: some milliseconds."""
 MOST_DAMPED = 1e8
 """Damping of steps that are too short to tell anything."""
+ONE_MORE = 0.1
+"""Fall of ``-2 log L`` promised below which one step mostly is the last: Python takes it, as its
+point is wanted anyway."""
 NOTES = "", REFLECTED, TOO_FAST
 """What was done to the poles of a step."""
 
@@ -103,7 +106,8 @@ class Descent:
         from tridentify.estimation.likelihood.compiled_descent import cost_there, descend
 
         problem, counts, taken = point.problem, point.counts, list[Taken]()
-        if not self.is_open or problem.limits is not None or point.decrease() < self.settled:
+        least = self.settled if self.tried else max(self.settled, ONE_MORE)
+        if not self.is_open or problem.limits is not None or point.decrease() < least:
             return point, taken
         if self.given is None:
             self.is_open = False
