@@ -72,6 +72,9 @@ def load_kernels(say: Callable[[str], None] | None = None) -> tuple[ModuleType, 
         whitening,
     )
 
+    tell("steps")
+    from tridentify.estimation.likelihood import compiled_descent
+
     tell("starts")
     from tridentify.estimation.search import compiled_starts
 
@@ -89,7 +92,7 @@ def load_kernels(say: Callable[[str], None] | None = None) -> tuple[ModuleType, 
     )
     banks = cascades, exponentials, triangles, whitening, polynomials
     models = compiled_columns, compiled_regression, compiled_steps, compiled_whitening
-    likelihood = compiled_cost, compiled_scatter
+    likelihood = compiled_cost, compiled_scatter, compiled_descent
     return *numerics, *banks, *models, *likelihood, compiled_starts, compiled_triangles
 
 

@@ -189,7 +189,7 @@ class Point:
         return np.stack(found, axis=1) if found else np.zeros((regression.targets[output].size, 0))
 
     @cached_property
-    def _seen(self) -> tuple[Array, Array, Decomposition]:
+    def seen(self) -> tuple[Array, Array, Decomposition]:
         """Scores, residual and decomposition, with nothing held."""
         from tridentify.estimation.likelihood.compiled_cost import scores_at
 
@@ -222,7 +222,7 @@ class Point:
     @property
     def _scores(self) -> tuple[Array, Array]:
         """Minus the derivatives by ``alpha`` and the delays, projected, and the residual."""
-        return self._seen[:2]
+        return self.seen[:2]
 
     @cached_property
     def _decomposition(self) -> Decomposition:
@@ -231,7 +231,7 @@ class Point:
         Delays that lie at an end of their range and pull outward stay there, and so do poles at a
         slow limit (`held_poles`).
         """
-        scores, residual, found = self._seen
+        scores, residual, found = self.seen
         n = scores.shape[1]
         slowest = self.problem.slowest
         # a pole is not slow where its decay is above both of the limits

@@ -6,7 +6,7 @@ is, that is when the coefficients move by far less than their standard errors.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,9 +14,9 @@ import numpy as np
 from tridentify.estimation.answer.estimate import Pass, Status, Step
 from tridentify.estimation.likelihood.bend import bend_of
 from tridentify.estimation.likelihood.cost import Point
+from tridentify.estimation.likelihood.descent import Descent, Taken
 from tridentify.estimation.likelihood.held_poles import at_slow_limit
 from tridentify.estimation.likelihood.problem import REFLECTED, TOO_FAST, TOO_SLOW, Problem
-from tridentify.estimation.likelihood.step import Bend
 from tridentify.estimation.likelihood.thresholds import (
     IDLE,
     NEARLY_SETTLED,
@@ -79,6 +79,18 @@ class Recorder:
             )
         )
 
+    def follow(self, taken: Sequence[Taken], end: Point) -> None:
+        """Add the steps of machine code that led to a point."""
+        problem, counts = end.problem, end.counts
+        for one in taken:
+            lower = one.theta[problem.denominator_places()]
+            cost = float(one.rss.sum() / counts.sum())
+            note = f"damping {one.damping:.1e}" if one.damping else ""
+            step = Step("output error", lower, cost, one.condition, note)
+            number, square = len(self.passes) + 1, _mean_square(one.rss, counts)
+            last = one.gradient, one.note
+            self.passes.append(Pass(number, (step,), one.theta, square, np.nan, *last))
+
     def extend(self, other: Recorder) -> None:
         """Append another's passes, numbered on."""
         for one in other.passes:
@@ -97,10 +109,14 @@ def coefficients(point: Point) -> Array:
 
 def mean_square(point: Point) -> float:
     """Residual mean square; the geometric mean over several outputs."""
-    variance = point.rss / point.counts
+    return _mean_square(point.rss, point.counts)
+
+
+def _mean_square(rss: Array, counts: Array) -> float:
+    variance = rss / counts
     if np.any(variance == 0):
         return 0.0
-    return float(np.exp(point.counts @ np.log(variance) / point.counts.sum()))
+    return float(np.exp(counts @ np.log(variance) / counts.sum()))
 
 
 def criterion(point: Point, decrease: float = 0.0) -> float:
@@ -194,15 +210,20 @@ def finishing(
     problem = point.problem
     if settled is None:
         settled = Patience().settled(point.counts.sum())
-    damping, growth, held, exact, idle = 0.0, 2.0, "", 0, 0
-    bend: Bend | None = None
-    for _ in range(most):
+    exact, now = 0, Descent(at, settled)
+    while now.tried < most:
+        point, taken = yield from now.running(point, most, ROUNDING_SQUARED)
+        if recorder is not None:
+            recorder.follow(taken, point)
+        if now.is_over or now.tried >= most:
+            break
         left = point.decrease()
         if left < settled:
             why = f"the next step would lower -2 log L by {left:.0e}, less than {settled:.0e}"
-            return point, _settled(point.held or held), why
+            return point, _settled(point.held or now.held), why
         yield
-        proposed, predicted, delays, change = point.step(damping, bend)
+        now.tried += 1
+        proposed, predicted, delays, change = point.step(now.damping, now.bend)
         poles, note = problem.admissible(proposed)
         trial = at(poles) if delays is None else _late(at, poles, delays, problem)
         gain = _gain(point, trial)
@@ -211,34 +232,30 @@ def finishing(
             best = trial if gain > 0 else point
             return best, Status.CONVERGED, "the residual is down to rounding"
         if gain <= 0:
-            bend = None
-            damping = max(damping * growth, 1e-3)
-            growth *= 2.0
-            if damping > 1e8:
-                break
+            now.bend = None
+            now.damping = max(now.damping * now.growth, 1e-3)
+            now.growth *= 2.0
             continue
         if recorder is not None:
-            recorder.add(trial, (_error_step(trial, damping),), np.nan, note)
+            recorder.add(trial, (_error_step(trial, now.damping),), np.nan, note)
         ratio = gain / predicted
-        damping *= max(1.0 / 3.0, 1.0 - (2.0 * ratio - 1.0) ** 3)
+        damping = now.damping * max(1.0 / 3.0, 1.0 - (2.0 * ratio - 1.0) ** 3)
         # what was damped before a pole came to its limit says nothing of the directions left
-        damping = 0.0 if damping < 1e-6 or trial.held != point.held else damping
-        bend = None if note or delays is not None else bend_of(point, change, trial)
-        point, held = trial, note
-        growth = 2.0
-        idle = idle + 1 if gain < IDLE else 0
-        if idle > 2:
-            break
+        now.damping = 0.0 if damping < 1e-6 or trial.held != point.held else damping
+        now.bend = None if note or delays is not None else bend_of(point, change, trial)
+        point, now.held, now.is_open = trial, note, not exact
+        now.growth = 2.0
+        now.idle = now.idle + 1 if gain < IDLE else 0
     open_ = point.problem.pinned is None and point.problem.floors is None
     if point.problem.n_delays and open_ and point.problem.kinks().any():
         return _on_a_kink(at, point, recorder, most)
     left = point.decrease()
-    held = point.held or held
+    held = point.held or now.held
     if held and held != REFLECTED:
         return point, _settled(held), held
     if left < NEARLY_SETTLED:
         return point, Status.CONVERGED, f"a further step would lower -2 log L by {left:.1e}"
-    if idle > 2 or damping > 1e8:
+    if now.is_over:
         if at_slow_limit(point.poles, problem.slowest).any():
             # rounding hides what is left of the slope where a pole is all but zero
             return point, Status.AT_STABILITY_LIMIT, TOO_SLOW

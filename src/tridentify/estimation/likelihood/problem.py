@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.models.flat_charts import FlatCharts
 from tridentify.models.regression import Experiment, Regression, restricted
 from tridentify.numerics.arrays import Array, Complex, Flags, Indices
 from tridentify.numerics.realization import Cascade, denominator, sort_poles
@@ -198,6 +199,11 @@ class Problem:
             group,
             np.array(self.n_zeros, dtype=np.int64).reshape(group.shape),
         )
+
+    @cached_property
+    def flat(self) -> FlatCharts | None:
+        """Its experiments for machine code; None where that does not serve."""
+        return FlatCharts.of(self.experiments)
 
     @cached_property
     def smaller(self) -> dict[Variant, Problem]:

@@ -1,0 +1,492 @@
+"""Levenberg-Marquardt steps in machine code: what `levenberg_marquardt` does, many steps a call.
+
+A step is all of it: bank, filtering, triangles, linear fits, scores, their decomposition, the roots
+of the denominator that the step leads to, and the verdict on them. The experiments are one flat
+array of numbers and a table of where what stands (`models.flat_charts`), so that there is one code
+for any number of experiments, outputs, inputs, denominators, and for coloured noise.
+
+What is rare is left to Python: the descent stops before it, and who called goes on from there. That
+is a pole at a slow limit, a residual of mere rounding, and numbers that are not finite.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from tridentify.estimation.likelihood.compiled_cost import fit_outputs, scores_at
+from tridentify.models.compiled_regression import triangles_of
+from tridentify.models.compiled_steps import coefficients_of
+from tridentify.models.compiled_whitening import whitened_triangles
+from tridentify.numerics.arrays import Array, Complex, Indices
+from tridentify.numerics.compiled import compiled
+from tridentify.numerics.kernels.cascades import bank_parts, fill_cascade, solve_in_place
+
+CHARTS = "Tuple((int64[:,::1], float64[::1], int64[:,::1], float64[:,::1], float64[::1]))"
+"""`models.flat_charts.FlatCharts`, but for its places."""
+SHAPE = (
+    "Tuple((int64[:,::1], int64[:,::1], int64[::1], int64[::1], int64[:,::1], int64[:,::1],"
+    " int64, boolean, int64[::1], float64[:,::1]))"
+)
+"""Triangle and column of each output, pattern, and which nuisance terms are kept."""
+SEEN = (
+    "Tuple((float64[::1], float64[:,::1], float64[::1], float64[::1], float64[:,::1],"
+    " float64[::1], float64[::1], float64))"
+)
+"""Residual sums of squares, then what `compiled_cost.scores_at` gives."""
+COST = (
+    f"Tuple(({SEEN}, float64, float64, float64[::1]))({CHARTS}, {SHAPE}, complex128[::1],"
+    " float64[::1], float64[::1])"
+)
+"""Of `cost_there`, which `descend` gets as a pointer: its code is not compiled once more within."""
+LEAST_VARIANCE = 1e-300
+"""As in `likelihood.cost`."""
+NEGLIGIBLE = 1e-13
+"""Singular values over the largest, as in `step.Decomposition.gain`."""
+
+
+@compiled("complex128[::1](float64[:,::1])", inner=True)
+def eigenvalues(matrix: Array) -> Complex:
+    """Closed under conjugation to the last digit; ``nan`` where the matrix is not finite."""
+    n = matrix.shape[0]
+    found = np.empty(n, dtype=np.complex128)
+    if not np.isfinite(matrix.sum()):
+        found[:] = np.nan
+        return found
+    if n == 1:
+        found[0] = matrix[0, 0]
+        return found
+    if n == 2:
+        a, d, product = matrix[0, 0], matrix[1, 1], matrix[0, 1] * matrix[1, 0]
+        half = 0.5 * (a - d)
+        square = half * half + product
+        if square < 0.0:
+            found[0] = complex(0.5 * (a + d), np.sqrt(-square))
+            found[1] = found[0].conjugate()
+            return found
+        large = half + np.copysign(np.sqrt(square), half)
+        found[0] = d + large
+        found[1] = d - product / large if large != 0.0 else d
+        return found
+    raw, used = np.linalg.eigvals(matrix.astype(np.complex128)), np.zeros(n, dtype=np.bool_)
+    for i in range(n):
+        if used[i]:
+            continue
+        mate, nearest = i, 2.0 * abs(raw[i].imag)
+        for j in range(i + 1, n):
+            distance = abs(raw[j] - raw[i].conjugate())
+            if not used[j] and distance < nearest:
+                mate, nearest = j, distance
+        used[i], used[mate] = True, True
+        mean = 0.5 * (raw[i] + raw[mate].conjugate())
+        if mate == i:
+            found[i] = mean.real
+        else:
+            found[i], found[mate] = mean, mean.conjugate()
+    return found
+
+
+@compiled("complex128[::1](complex128[::1])", inner=True)
+def sorted_poles(poles: Complex) -> Complex:
+    """As `numerics.realization.sort_poles`."""
+    n, count = poles.size, 0
+    units = np.empty(n, dtype=np.complex128)
+    for i in range(n):
+        z = poles[i]
+        if z.imag < 0.0:
+            continue
+        k = count
+        while k > 0 and (abs(z), z.imag) < (abs(units[k - 1]), units[k - 1].imag):
+            units[k] = units[k - 1]
+            k -= 1
+        units[k] = z
+        count += 1
+    found, at = np.empty(n, dtype=np.complex128), 0
+    for k in range(count):
+        found[at] = units[k]
+        at += 1
+        if units[k].imag > 0.0:
+            found[at] = units[k].conjugate()
+            at += 1
+    return found
+
+
+@compiled("(complex128[::1], int64[::1], int64[::1])", inner=True)
+def inner_cascades(poles: Complex, orders: Indices, firsts: Indices) -> tuple[Array, Array]:
+    """The cascade of every denominator, each pole once, side by side."""
+    a, b = np.zeros((poles.size, poles.size)), np.zeros(poles.size)
+    for g in range(orders.size):
+        at, end = firsts[g], firsts[g] + orders[g]
+        fill_cascade(poles[at:end], 1, a[at:end, at:end], b[at:end])
+    return a, b
+
+
+@compiled("boolean(complex128[::1], float64[::1])", inner=True)
+def is_slow(poles: Complex, limits: Array) -> bool:
+    """Whether a pole is near a slow limit, as `Point._decomposition` asks."""
+    near = False
+    for z in poles:
+        near = near or -z.real <= 1.001 * max(limits[1], limits[3] * abs(z))
+    return near
+
+
+@compiled(
+    "(complex128[::1], float64[::1], int64[::1], int64[::1], float64[::1], boolean)", inner=True
+)
+def proposed(
+    poles: Complex, change: Array, orders: Indices, firsts: Indices, limits: Array, far: bool
+) -> tuple[bool, Complex, int]:
+    """Where a step leads: whether it can be gone, admissible poles, and what was done to them.
+
+    ``limits``: the fastest and the slowest pole, the largest imaginary part, the least damping.
+    """
+    a, b = inner_cascades(poles, orders, firsts)
+    found, note = np.empty(poles.size, dtype=np.complex128), 0
+    for g in range(orders.size):
+        n, at = orders[g], firsts[g]
+        matrix = np.empty((n, n))
+        for i in range(n):
+            for j in range(n):
+                matrix[i, j] = a[at + i, at + j] - b[at + i] * change[at + j]
+        roots = sorted_poles(eigenvalues(matrix))
+        for k in range(n):
+            z = roots[k]
+            size = abs(z)
+            if not np.isfinite(size) or (z.imag == 0.0 and z.real > 0.0 and not far):
+                return False, poles, 0
+            if z.real > 0.0:
+                note = max(note, 1)
+            factor = limits[0] / max(size, limits[0])
+            real, imag = -abs(z.real) * factor, z.imag * factor
+            if factor < 1.0 or abs(imag) > limits[2]:
+                note = 2
+            imag = min(max(imag, -limits[2]), limits[2])
+            if -real < max(limits[1], limits[3] * abs(imag)):
+                return False, poles, 0
+            roots[k] = complex(real, imag)
+        found[at : at + n] = sorted_poles(roots)
+    return not is_slow(found, limits), found, note
+
+
+@compiled(
+    "boolean(complex128[::1], complex128[::1], int64[::1], int64[::1], float64, float64[::1])",
+    inner=True,
+)
+def step_back(
+    old: Complex, new: Complex, orders: Indices, firsts: Indices, apart: float, row: Array
+) -> bool:
+    """The step from new poles to the old ones, ``a_old / a_new = 1 + row X``; whether there is one.
+
+    At the old poles ``row X = -1``, ``X`` the states of the new ones.
+    """
+    a, b = inner_cascades(new, orders, firsts)
+    for g in range(orders.size):
+        n, at = orders[g], firsts[g]
+        matrix, sides = np.zeros((n, n)), np.zeros((n, 1))
+        for i in range(n):
+            z = new[at + i]
+            for j in range(n):
+                if j != i and abs(z - new[at + j]) < apart * abs(z):
+                    return False
+            p = old[at + i]
+            if p.imag < 0.0:
+                continue
+            x, m, largest = np.zeros(n, dtype=np.complex128), 0, 0.0
+            while m < n:
+                width = 2 if m + 1 < n and new[at + m].imag > 0.0 else 1
+                sums = np.zeros(2, dtype=np.complex128)
+                for w in range(width):
+                    sums[w] = b[at + m + w]
+                    for j in range(m):
+                        sums[w] += a[at + m + w, at + j] * x[j]
+                first = p - a[at + m, at + m]
+                if width == 1:
+                    if first == 0.0:
+                        return False
+                    x[m] = sums[0] / first
+                else:
+                    over, under = a[at + m, at + m + 1], a[at + m + 1, at + m]
+                    second = p - a[at + m + 1, at + m + 1]
+                    det = first * second - over * under
+                    if det == 0.0:
+                        return False
+                    x[m] = (sums[0] * second + over * sums[1]) / det
+                    x[m + 1] = (first * sums[1] + under * sums[0]) / det
+                m += width
+            for k in range(n):
+                largest = max(largest, abs(x[k]))
+            if not 0.0 < largest < np.inf:
+                return False
+            sides[i, 0] = -1.0 / largest
+            for k in range(n):
+                matrix[i, k] = x[k].real / largest
+                if p.imag > 0.0:
+                    matrix[i + 1, k] = x[k].imag / largest
+        solve_in_place(matrix, sides)
+        for k in range(n):
+            row[at + k] = sides[k, 0]
+    return bool(np.isfinite(row.sum()))
+
+
+@compiled("float64(float64, float64, float64)", inner=True)
+def fall(share: float, total: float, samples: float) -> float:
+    """Of the objective, where the residual's square falls by ``share``."""
+    fraction = share / (total * total) if total > 0.0 else 0.0
+    lower: float = np.log1p(-min(fraction, 1.0 - 1e-15))
+    return -samples * lower
+
+
+@compiled("float64(float64[::1], float64[::1], float64, float64, float64)", inner=True)
+def promised(s: Array, projection: Array, total: float, damping: float, samples: float) -> float:
+    """The fall of minus two log likelihood that a step promises."""
+    share, least = 0.0, NEGLIGIBLE * s[0]
+    for k in range(s.size):
+        if s[k] > least and s[k] * s[k] > 0.0:
+            part = s[k] * (s[k] / (s[k] * s[k] + damping))
+            share += projection[k] * projection[k] * part * (2.0 - part)
+    return fall(share, total, samples)
+
+
+@compiled("void(float64[:,::1], float64[:,::1], float64[::1], float64[::1], int64)", inner=True)
+def shift_inputs(s: Array, a: Array, b: Array, constants: Array, states: int) -> None:
+    """Constants put back on the inputs, as `models.regression.restricted` does."""
+    q, one = b.size, states + constants.size
+    sides = np.empty((q, s.shape[0]))
+    for r in range(s.shape[0]):
+        for k in range(q):
+            sides[k, r] = s[r, k] - s[r, one] * b[k]
+    solve_in_place(a.copy(), sides)
+    for j in range(constants.size):
+        for r in range(s.shape[0]):
+            for k in range(q):
+                s[r, q * (j + 1) + k] += constants[j] * sides[k, r]
+            s[r, states + j] += constants[j] * s[r, one]
+
+
+@compiled(COST, free=True, value=True)
+def cost_there(
+    charts: Any, shape: Any, poles: Complex, counts: Array, floors: Array
+) -> tuple[Any, float, float, Array]:
+    """The best fit at some poles.
+
+    Returns
+    -------
+    seen : tuple
+        As `SEEN` says.
+    objective, condition : float
+    theta : array
+        Coefficients.
+    """
+    table, numbers, delayed, parts, clocks = charts
+    which, place, orders, firsts, group, zeros, leading, free, nuisance, constants = shape
+    a, b, basis, _, maps = bank_parts(poles, orders, 2, orders.max())
+    q, n_inputs = b.size, group.shape[1]
+    signals = q * (n_inputs + leading) + table[0, 2]
+    height = signals + table[:, 3].max()
+    stack = np.zeros((table.shape[0], height, signals))
+    targets = np.zeros((*which.shape, height))
+    for c in range(table.shape[0]):
+        own = table[c]
+        n, at = own[1], own[10:]
+        w = numbers[at[0] : at[0] + n_inputs * (n + 1)].reshape((n_inputs, n + 1))
+        begun = numbers[at[1] : at[1] + n_inputs * 2].reshape((n_inputs, 2))
+        known = numbers[at[2] : at[2] + own[2] * n].reshape((own[2], n))
+        y = numbers[at[3] : at[3] + own[3] * n].reshape((own[3], n))
+        weight = numbers[at[4] : at[4] + own[4]]
+        one = a.reshape((1, q, q)), b.reshape((1, q))
+        given = clocks[c], own[5] != 0, w, delayed[c], parts[c], begun, known
+        if own[7] == 0:
+            r = triangles_of(*one, *given, y, weight, leading != 0, own[6])[0]
+        else:
+            columns = triangles_of(*one, *given, y[:0], weight[:0], leading != 0, own[6])
+            noise = numbers[at[5] : at[5] + own[7]]
+            seen = numbers[at[6] : at[6] + n] != 0.0
+            gain = numbers[at[7] : at[7] + own[8] * own[7]].reshape((own[8], own[7]))
+            scale = numbers[at[8] : at[8] + own[9]]
+            r = whitened_triangles(columns, y, noise, seen, gain, scale)[0]
+        for k in range(r.shape[0]):
+            for m in range(signals):
+                stack[c, k, m] = r[k, m]
+            for i in range(which.shape[1]):
+                if which[own[0], i] == c:
+                    targets[own[0], i, k] = r[k, signals + place[own[0], i]]
+        if constants.size and np.any(constants[own[0]] != 0.0):
+            shift_inputs(stack[c], a, b, constants[own[0]], signals - table[0, 2])
+    rows, direct, started, costs, conditions, _, _, _, bases, ranks, residuals = fit_outputs(
+        stack, which, targets, leading, free, nuisance, orders, firsts, group, zeros, 2, basis
+    )
+    weights, objective = np.empty(counts.size), 0.0
+    for i in range(counts.size):
+        variance = max(costs[i] / counts[i] + floors[i], LEAST_VARIANCE)
+        weights[i] = 1.0 / np.sqrt(variance)
+        objective += counts[i] * np.log(variance)
+    found = scores_at(
+        stack, which, leading, free, orders, firsts, group, 2, a, b, maps, rows, direct, started,
+        bases, ranks, residuals, weights, 0,
+    )  # fmt: skip
+    theta = coefficients_of(poles, rows, direct, orders, firsts, group, zeros, 2)
+    return (costs, *found), objective, conditions.max(), theta
+
+
+@compiled("float64[::1](float64[:,::1], float64[::1])", inner=True)
+def combined(matrix: Array, weights: Array) -> Array:
+    """The product."""
+    found = np.zeros(matrix.shape[0])
+    for r in range(matrix.shape[0]):
+        for c in range(weights.size):
+            found[r] += matrix[r, c] * weights[c]
+    return found
+
+
+@compiled("float64(float64[::1], float64[::1])", inner=True)
+def dot(one: Array, other: Array) -> float:
+    """Inner product."""
+    total = 0.0
+    for k in range(one.size):
+        total += one[k] * other[k]
+    return total
+
+
+@compiled("float64(float64[::1], float64[::1], float64)", inner=True)
+def slope_left(s: Array, projection: Array, total: float) -> float:
+    """The residual's share along the scores, as `Point.gradient`."""
+    square = 0.0
+    for k in range(s.size):
+        if s[k] > NEGLIGIBLE * s[0]:
+            square += projection[k] * projection[k]
+    return np.sqrt(square) / total if total > 0.0 else 0.0
+
+
+@compiled(
+    f"(FunctionType({COST}), {CHARTS}, {SHAPE}, float64[:,::1], float64[::1], float64[::1],"
+    f" complex128[::1], {SEEN}, float64[::1], float64[::1], int64, int64)",
+    free=True,
+)
+def descend(
+    cost: Callable[..., Any], charts: Any, shape: Any, scales: Array, limits: Array, rules: Array,
+    poles: Complex, seen: Any, state: Array, direction: Array, idle: int, most: int,
+) -> tuple[Any, ...]:  # fmt: skip
+    """Steps on the cost, as `levenberg_marquardt.finishing` takes them.
+
+    Parameters
+    ----------
+    cost : callable
+        `cost_there`.
+    charts, shape : tuples
+        As `CHARTS` and `SHAPE` say.
+    scales : (3, n_outputs) array
+        Samples, floors of the variances, and sums of squares that are rounding.
+    limits : (4,) array
+        As of `proposed`.
+    rules : (7,) array
+        Fall of the objective below which a step is settled, idle, and not far; bounds of the bend;
+        how far apart poles have to be; and the damping beyond which steps are over.
+    poles : (n_poles,) complex array
+    seen : tuple
+        As `SEEN` says, at these poles.
+    state : (3,) array
+        Damping, its growth, and the bend, ``nan`` without; is carried on.
+    direction : (n_poles,) array
+        Of the bend; is carried on.
+    idle : int
+        Steps in turn that gained next to nothing.
+    most : int
+        Steps to be tried.
+
+    Returns
+    -------
+    goes_on : bool
+        Whether the steps tried are what ended it.
+    tried, taken, idle, note : int
+        ``note``: what was done to the poles last, 1 for mirrored and 2 for held as too fast.
+    poles, seen
+        Where it ended.
+    thetas, costs : (most, n_theta), (most, n_outputs) arrays
+        Of every step that was taken.
+    told : (most, 4) array
+        Condition, gradient, damping and note of every step taken.
+    """
+    counts, floors, exact = scales[0], scales[1], scales[2]
+    settled, least_gain, far_away, least_bend, most_bend, apart, most_damped = rules
+    orders, firsts = shape[2], shape[3]
+    samples, n = counts.sum(), poles.size
+    size, objective, taken, tried, note, goes_on = n, 0.0, 0, 0, 0, True
+    for i in range(shape[5].shape[0]):
+        for j in range(shape[5].shape[1]):
+            size += shape[5][i, j] + 1
+    thetas, costs, told = np.zeros((most, size)), np.zeros((most, counts.size)), np.zeros((most, 4))
+    for i in range(counts.size):
+        variance = max(seen[0][i] / counts[i] + floors[i], LEAST_VARIANCE)
+        objective += counts[i] * np.log(variance)
+        goes_on = goes_on and seen[0][i] >= exact[i]
+    goes_on = goes_on and not is_slow(poles, limits)
+    while goes_on and tried < most:
+        _, scores, residual, s, vt, scale, projection, total = seen
+        left = promised(s, projection, total, 0.0, samples)
+        if left < settled:
+            goes_on = False
+            break
+        change = np.zeros(n)
+        for k in range(s.size):
+            if s[k] > NEGLIGIBLE * s[0] and s[k] * s[k] > 0.0:
+                part = s[k] / (s[k] * s[k] + state[0]) * projection[k]
+                for c in range(n):
+                    change[c] -= vt[k, c] * part / scale[c]
+        predicted = promised(s, projection, total, state[0], samples)
+        if not np.isnan(state[2]):
+            across, excess = combined(scores, direction), state[2]
+            length, moved = dot(across, across), combined(scores, change)
+            share = dot(moved, across) / length * excess / (1.0 + excess)
+            for c in range(n):
+                change[c] -= share * direction[c]
+            for r in range(moved.size):
+                moved[r] -= share * across[r]
+            bent = excess * dot(moved, across) ** 2 / length
+            promise = -(2.0 * dot(residual, moved) + dot(moved, moved) + bent)
+            predicted = fall(promise, total, samples)
+        can, new, done = proposed(poles, change, orders, firsts, limits, left > far_away)
+        if not can or not np.isfinite(predicted) or predicted == 0.0:
+            goes_on = False
+            break
+        trial, reached, condition, theta = cost(charts, shape, new, counts, floors)
+        for i in range(counts.size):
+            goes_on = goes_on and trial[0][i] >= exact[i]
+        if not goes_on or not np.isfinite(reached):
+            goes_on = False
+            break
+        tried += 1
+        gain = objective - reached
+        if gain <= 0.0:
+            state[2] = np.nan
+            state[0] = max(state[0] * state[1], 1e-3)
+            state[1] *= 2.0
+            goes_on = state[0] <= most_damped
+            continue
+        thetas[taken], costs[taken] = theta, trial[0]
+        told[taken, 0], told[taken, 1] = condition, slope_left(trial[3], trial[6], trial[7])
+        told[taken, 2], told[taken, 3] = state[0], done
+        taken += 1
+        ratio = gain / predicted
+        state[0] *= max(1.0 / 3.0, 1.0 - (2.0 * ratio - 1.0) ** 3)
+        state[0] = 0.0 if state[0] < 1e-6 else state[0]
+        state[1], state[2] = 2.0, np.nan
+        is_far = promised(trial[3], trial[6], trial[7], 0.0, samples) > far_away
+        if done == 0 and not is_far and step_back(poles, new, orders, firsts, apart, direction):
+            for c in range(n):
+                direction[c] = -direction[c]
+            across = combined(trial[1], direction)
+            length = dot(across, across)
+            if length > 0.0:
+                slope = 2.0 * dot(trial[2], across)
+                before = 2.0 * dot(residual, combined(scores, change))
+                state[2] = (slope - before) / (2.0 * length) - 1.0
+                if np.isfinite(state[2]):
+                    state[2] = min(max(state[2], least_bend), most_bend)
+                else:
+                    state[2] = np.nan
+        poles, seen, objective, note = new, trial, reached, done
+        idle = idle + 1 if gain < least_gain else 0
+        goes_on = idle <= 2
+    return goes_on, tried, taken, idle, note, poles, seen, thetas, costs, told
