@@ -83,15 +83,17 @@ def quantum(values: Array) -> float:
     return 0.0
 
 
-def within_a_step(values: Sequence[Array], residuals: Sequence[Array]) -> bool:
+def within_a_step(values: Sequence[Array], residuals: Sequence[Array], part: float = 1.0) -> bool:
     """Whether all that a response leaves is smaller than a step of the converter.
 
-    Rounding alone leaves that, and nothing of single samples can be told from it.
+    Rounding alone leaves half of that, and nothing of single samples can be told from it.
 
     Parameters
     ----------
     values, residuals : sequence of (N,) arrays
         ``nan`` marks a missing sample.
+    part : float
+        Of the step.
 
     Examples
     --------
@@ -101,7 +103,7 @@ def within_a_step(values: Sequence[Array], residuals: Sequence[Array]) -> bool:
     (True, False)
     """
     return all(
-        0.0 < float(np.nanmax(np.abs(left), initial=0.0)) <= quantum(one)
+        0.0 < float(np.nanmax(np.abs(left), initial=0.0)) <= part * quantum(one)
         for one, left in zip(values, residuals, strict=True)
     )
 
