@@ -15,6 +15,7 @@ these is decided in `tridentify.judgement.cautions`, with the model at hand.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -80,6 +81,31 @@ def quantum(values: Array) -> float:
         if found:
             return found
     return 0.0
+
+
+def within_a_step(values: Sequence[Array], residuals: Sequence[Array], part: float = 1.0) -> bool:
+    """Whether all that a response leaves is smaller than a step of the converter.
+
+    Rounding alone leaves half of that, and nothing of single samples can be told from it.
+
+    Parameters
+    ----------
+    values, residuals : sequence of (N,) arrays
+        ``nan`` marks a missing sample.
+    part : float
+        Of the step.
+
+    Examples
+    --------
+    >>> signal = 3.0 + np.sin(np.arange(100.0))
+    >>> seen = 0.05 * np.round(signal / 0.05)
+    >>> within_a_step([seen], [seen - signal]), within_a_step([signal], [seen - signal])
+    (True, False)
+    """
+    return all(
+        0.0 < float(np.nanmax(np.abs(left), initial=0.0)) <= part * quantum(one)
+        for one, left in zip(values, residuals, strict=True)
+    )
 
 
 def _too_fine(seen: Array) -> bool:

@@ -48,6 +48,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "contradiction": "what is known contradicts the record",
         "quantisation": "steps of a converter that are coarse against the noise",
         "noise-model": "noise that the standard errors do not allow for",
+        "tone": "a steady tone beside the response, such as mains hum",
         "noise-changes": "noise that changes its size over the record",
         "noise-size": "a residual of another size than the estimate leads to expect",
         "distribution": "a residual that is not Gaussian",

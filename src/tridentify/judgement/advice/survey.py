@@ -36,6 +36,7 @@ from tridentify.judgement.causes.first_samples import beginning
 from tridentify.judgement.causes.intersample import CLEARLY, IN_WORDS, TIE, is_staircase
 from tridentify.judgement.causes.parallel import Parallel, WhitenedFit, p_value, with_noise_model
 from tridentify.judgement.cautions.sensors import seen_in
+from tridentify.judgement.cautions.tones import tone_finding
 from tridentify.judgement.selection import hankel_values
 from tridentify.numerics.arrays import Array
 from tridentify.record.checks.samples import Behaviour
@@ -277,6 +278,7 @@ def _of_samples(
         for i, one in enumerate(left):
             if (names[i],) not in repeats:
                 found += bad_samples(part, i, one, number)
+            found += tone_finding(one, part, i, False, number)
         found += lost_rows(part, fitted, number)
     return found
 

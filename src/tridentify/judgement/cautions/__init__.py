@@ -27,6 +27,8 @@ from tridentify.judgement.cautions.residual import (
     slow_findings,
 )
 from tridentify.judgement.cautions.sensors import sensor_findings
+from tridentify.judgement.cautions.stuck import CODE_FOR_MISSING, STANDS
+from tridentify.judgement.cautions.tones import tone_findings
 from tridentify.judgement.validation.assess import looked_at
 from tridentify.judgement.validation.explained import TRIED, WITHOUT_THEM
 from tridentify.record.record import Record
@@ -78,10 +80,18 @@ def judged(
     if not any(one.matters and one.code != "noise-model" for one in tested):
         # a cause that was fitted says what is slow there
         found += with_drift_tried(slow_findings(estimate, records, known), estimate, records)
+    step = records[0].duration / max(records[0].n_samples - 1, 1)
+    if any(one.code == "nonlinear" and "friction" in one.message for one in tested):
+        hung = [one for one in hung if not _may_be_held(one, records, step)]
+    tested, seen = (_beside_hanging(one, hung, step) for one in (tested, seen))
+    if any(CODE_FOR_MISSING in one.message for one in hung):
+        found = [one for one in found if one.code != "no-response"]  # it was not looked at yet
     seen = _beside_causes([*seen, *with_stuck_tried(hung, estimate, records, known)], tested)
     if all(not np.any(np.ptp(record.u, axis=0)) for record in records):
         tested, found = _of_constant_inputs(tested, found)
     explained = any(one.code in EXPLAIN and one.matters for one in tested)
+    if not explained:  # what rings on because a response is missing is no tone from outside
+        found += tone_findings(estimate, records, known)
     first = [*([] if explained else far_likelier(estimate)), *_with_trial(seen, tested)]
     return joined(first, tested, [*found, *seen])
 
@@ -104,6 +114,28 @@ def _beside_causes(seen: Sequence[Finding], tested: Sequence[Finding]) -> list[F
     bent = {name for one in tested if one.code in BENDS and one.effect for name in one.outputs}
     bent -= {name for one in tested if one.code == "bad-samples" for name in one.outputs}
     return [one for one in seen if one.code != "bad-samples" or not set(one.outputs) <= bent]
+
+
+def _may_be_held(one: Finding, records: Sequence[Record], step: float) -> bool:
+    """Whether friction explains that an output stands: it goes on by steps, or is not seen to."""
+    if one.code != "stuck-sensor" or not one.times:
+        return False
+    last = float(records[one.experiment or 0].t[-1])
+    in_one = one.times[-1] - one.times[0] < (len(one.times) - 0.5) * step
+    return STANDS in one.message or (in_one and last - one.times[-1] < 0.5 * step)
+
+
+def _beside_hanging(
+    tested: Sequence[Finding], hung: Sequence[Finding], step: float
+) -> list[Finding]:
+    """Without bad samples and lost rows where a sensor hangs: they are said with it."""
+    still = np.array([t for one in hung if one.code == "stuck-sensor" for t in one.times])
+
+    def there(one: Finding) -> bool:
+        return all(bool(np.any(np.abs(still - t) < 1.5 * step)) for t in one.times)
+
+    at_all = ("bad-samples", "lost-rows")
+    return [one for one in tested if one.code not in at_all or not one.times or not there(one)]
 
 
 MOVING = ("feedback", "nonlinear", "saturation", "delay", "intersample")

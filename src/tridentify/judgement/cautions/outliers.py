@@ -20,6 +20,7 @@ from tridentify.estimation.answer.finding import Finding
 from tridentify.judgement.causes.first_samples import Predictions, beginning
 from tridentify.judgement.validation.distribution import QUANTILE, SMALL_SAMPLE
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.converter import within_a_step
 from tridentify.numerics.quantiles import median, quantiles
 from tridentify.numerics.robust import median_scale
 from tridentify.record.record import Record
@@ -79,6 +80,8 @@ def outlier_findings(
         places, farthest = _outliers(series)
         if not places and estimate.noise_model[i].size:
             places, farthest = spikes(series, estimate.noise_model[i])
+        if within_a_step([record.y[:, i] for record in records], series):
+            continue
         count = len(places)
         size = math.sqrt(float(np.nanmean(np.concatenate([r.y[:, i] for r in records]) ** 2)))
         if count and math.sqrt(float(estimate.noise_variance[i])) > ROUNDING * size:

@@ -36,6 +36,7 @@ from tridentify.judgement.cautions.stuck import (
     EXACT,
     JUMP,
     Seen,
+    coded,
     fast,
     hanging,
     repeating,
@@ -154,6 +155,9 @@ def _seen(
         noise = math.sqrt(float(noise_variance[i]))
         if not noise > ROUNDING * float(np.sqrt(np.nanmean(y**2))):
             continue
+        if (code := coded(y, name + where)) is not None:
+            yield code, name
+            y = np.where(np.isin(np.arange(y.size), code.samples), np.nan, y)
         repeated, q = runs(y), quantum(y)
         own = [repeats := repeating(y, u, q, f, repeated, name + where)]
         if q < EXACT * min(noise, fast(y - f)):
@@ -282,9 +286,12 @@ def _inner(repeated: Runs, y: Array) -> NDArray[np.bool_]:
 
 
 def _clipped_input(u: Array, name: str) -> Seen | None:
-    """Plateaus at the ends of an input that is noisy everywhere else."""
+    """Plateaus at the ends of an input that is noisy everywhere else.
+
+    Nothing is no limit: rain, sunlight and heaters rest there.
+    """
     repeated = runs(u)
-    ends = (float(u.max()), float(u.min()))
+    ends = [end for end in (float(u.max()), float(u.min())) if end != 0.0]
     at_end = np.isin(repeated.value, ends)
     if int(at_end.sum()) < 2 or np.any(~at_end) or repeated.length.max() < 3:
         return None
@@ -298,12 +305,12 @@ def _clipped_input(u: Array, name: str) -> Seen | None:
         return None
     count = int(repeated.length[at_end].sum())
     places = np.flatnonzero(np.isin(u, ends))
+    at = " and ".join(f"{end:.6g}" for end in reversed(ends))
     return Seen(
         "saturation",
         "warning",
-        f"{count} samples of input {name} stay at its ends, {ends[1]:.6g} and {ends[0]:.6g}, while "
-        "it is noisy elsewhere: a measured input that is saturated is not what acted on the "
-        "system.",
+        f"{count} samples of input {name} stay at its ends, {at}, while it is noisy elsewhere: a "
+        "measured input that is saturated is not what acted on the system.",
         "Check the range of its sensor, or use the command if that is known.",
         (int(places[0]), int(places[-1])),
     )

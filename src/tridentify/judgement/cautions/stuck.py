@@ -35,6 +35,15 @@ FEWEST_HANGING = 5
 """Equal samples in a row below which a sensor has not hung."""
 SMOOTHLY = 2.5
 """Steps of the converter by which a value is left without a jump: one of motion, one of noise."""
+CODE_FOR_MISSING = "a code for missing values"
+"""How a message says that: what a record with such values responds to is not known."""
+FAR_OFF = 10.0
+"""Range of all other values by which one that is met again and again is away from them: a system
+does not get there in one sample, and back."""
+FEWEST_CODES = 3
+"""Samples with such a value below which it is a spike."""
+STANDS = "and goes on from where it stood"
+"""How a message says that friction may hold what moves: it is dropped where that is named."""
 RARELY = 0.02
 """Runs of equal values a sample, below which values do not repeat by themselves."""
 LONG_RUN = 8
@@ -189,6 +198,17 @@ def hanging(
         return None
     hung = tuple(k for first, length in stuck for k in range(first, first + length))
     times = "once" if len(stuck) == 1 else f"{len(stuck)} times"
+    if all(_left_by_steps(y, first + length, q) for first, length in stuck):
+        return Seen(
+            "stuck-sensor",
+            "warning",
+            f"Output {name} stays at exactly one value {times} ({len(hung)} samples, the first "
+            f"from sample {hung[0]} on) while the model moves, {STANDS}: dry friction holds what "
+            "moves, or the sensor hung and its signal came back.",
+            "If the sensor hung, mark these samples as missing (nan, record.mask; --mask).",
+            hung,
+            tuple(stuck),
+        )
     return Seen(
         "stuck-sensor",
         "error",
@@ -200,6 +220,35 @@ def hanging(
     )
 
 
+def coded(y: Array, name: str) -> Seen | None:
+    """One value far from all others that is met again: -999, 9999, 1e20.
+
+    Examples
+    --------
+    >>> y = np.sin(0.1 * np.arange(100.0))
+    >>> y[20:30] = -999.0
+    >>> coded(y, "y").samples == tuple(range(20, 30))
+    True
+    """
+    for value in (float(np.nanmin(y)), float(np.nanmax(y))):
+        others = y[np.isfinite(y) & (y != value)]
+        at = np.flatnonzero(y == value)
+        if at.size < FEWEST_CODES or np.unique(others[: LONG_RUN**2]).size < LONG_RUN:
+            continue
+        if float(np.abs(others - value).min()) < FAR_OFF * float(np.ptp(others)):
+            continue
+        return Seen(
+            "stuck-sensor",
+            "error",
+            f"Output {name} is exactly {value:g} in {at.size} samples (the first is sample "
+            f"{at[0]}), far from all others: {CODE_FOR_MISSING}.",
+            "Mark them as missing (nan, record.mask; --missing), before anything is made of them.",
+            tuple(at.tolist()),
+            tuple((int(k), 1) for k in at),
+        )
+    return None
+
+
 def _goes_on(y: Array, f: Array, first: int, length: int, much: float, q: float) -> bool:
     """Whether a value is left by a step of the converter although the model has gone elsewhere.
 
@@ -207,10 +256,16 @@ def _goes_on(y: Array, f: Array, first: int, length: int, much: float, q: float)
     stood has stood still: it sticks, or its input is too small to move it.
     """
     after = first + length
-    if after >= y.size or not np.isfinite(y[after]):
+    if not _left_by_steps(y, after, q):
         return False
-    left = abs(float(y[after] - y[after - 1]))
-    return left <= SMOOTHLY * q and abs(float(f[after] - f[first])) > much + SMOOTHLY * q
+    return abs(float(f[after] - f[first])) > much + SMOOTHLY * q
+
+
+def _left_by_steps(y: Array, after: int, q: float) -> bool:
+    """Whether a value is left as a motion that begins leaves it, not by a jump."""
+    if not q or after >= y.size or not np.isfinite(y[after]):
+        return False
+    return abs(float(y[after] - y[after - 1])) <= SMOOTHLY * q
 
 
 def _at_rest(y: Array, u: Array, first: int, length: int) -> bool:

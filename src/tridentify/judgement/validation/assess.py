@@ -154,7 +154,14 @@ def validate(
         return _with_what_was_said(found, estimate) if own else found
 
 
-TO_BE_KNOWN = ("not-determined", "outside-the-record", "at-bound", "order-high", "no-response")
+TO_BE_KNOWN = (
+    "not-determined",
+    "outside-the-record",
+    "at-bound",
+    "order-high",
+    "no-response",
+    "tone",
+)
 """Of the estimate, on its own record: to be known, and mostly no objection to the model."""
 
 PASSES_FOR_KNOWN = 0.3
@@ -189,7 +196,7 @@ def _with_what_was_said(found: Validation, estimate: Estimate) -> Validation:
     What has no response, or follows from a sensor that hung, may leave a residual like noise.
     """
     said = []
-    for one in (own for own in estimate.findings if own.matters):
+    for one in (own for own in estimate.findings if own.matters or own.code == "tone"):
         if _stands(one, estimate):
             said.append(one)
         elif one.code in TO_BE_KNOWN:

@@ -25,6 +25,7 @@ from tridentify.judgement.validation.likelihood_ratio import CALLED
 from tridentify.judgement.validation.residuals import View
 from tridentify.judgement.validation.result import Check, CrossCorrelation, Transfer
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.converter import within_a_step
 
 
 def family(
@@ -197,7 +198,29 @@ def findings(
         found += _carried(view, transfer, rejected)
     if beside.estimate.route == "direct":
         found = [_as_noise(one) if one.code == "drift" else one for one in found]
-    return ranked(found)
+    return ranked(_beyond_steps(found, view))
+
+
+ROUNDED = ("bad-samples", "lost-rows", "noise-changes")
+"""What rounding makes as well: it leaves single samples alone, and less where the output rests."""
+MERELY = 0.6
+"""Steps of the converter within which a residual is rounding, which leaves half a one: what else is
+in it is a tenth of a step."""
+FOLLOWED = (*ROUNDED, "nonlinear", "unmodelled-response", "order-low", "varying")
+"""What rounding makes as well as it follows the signal."""
+
+
+def _beyond_steps(found: Sequence[Finding], view: View) -> list[Finding]:
+    """Without what rounding makes in outputs of which it explains all that is left."""
+    names = {one.name for one in view.outputs}
+    for part, codes in ((1.0, ROUNDED), (MERELY, FOLLOWED)):
+        rounded = {one.name for one in view.outputs if within_a_step(one.y, one.residual, part)}
+        found = [
+            one
+            for one in found
+            if one.code not in codes or not (set(one.outputs) or names) <= rounded
+        ]
+    return list(found)
 
 
 def _as_noise(drift: Finding) -> Finding:
