@@ -164,7 +164,7 @@ class _Tests:
     ) -> None:
         self._output = view.outputs[index]
         self._times = tuple(record.t for record in view.records)
-        self._found = columns.SearchedColumns(view, index, estimate)
+        self._found = columns.searched_columns(view, index, estimate)
         self._n_lags, self._rate = n_lags, rate
         self.lags = self._found.lags
 
@@ -337,7 +337,7 @@ def suspicious(view: View, index: int, estimate: Estimate) -> bool:
     p-values exact: one in twenty right records is called for, and what follows then decides.
     """
     output = view.outputs[index]
-    found = columns.SearchedColumns(view, index, estimate)
+    found = columns.searched_columns(view, index, estimate)
     e, basis = whitened(output, output.noise, _fitted(output))
     kinds = (*found.late, *found.bends, found.past, found.wave, found.later, found.coming)
     white = output.white(joined(*kinds), output.noise)
