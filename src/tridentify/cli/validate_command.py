@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, cast
 
@@ -128,6 +128,8 @@ def validate(
         columns_of("output", outputs, estimate.output_names),
         cast("Intersample", estimate.intersample) if reading.intersample is None else None,
     )
+    if not (inputs or outputs):
+        source = replace(source, usual_step=estimate.dt)
     with at_work(out) as work:
         activity = work.activity
         records = [

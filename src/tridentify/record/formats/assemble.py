@@ -241,7 +241,7 @@ def time_channels(source: OpenFile) -> list[Channel]:
     """Give the channels that are time by their name, in any case, without a time of their own.
 
     Those called t or time; where there are none, those that another language calls so, then those
-    called at greater length or with a unit, then those called `DATE_NAMES` that hold dates, and then
+    called at greater length or with a unit, then those called `DATE_NAMES` that hold dates, then
     stamps with a unit or that count from 1970.
     """
     free = [channel for channel in source.channels if not channel.clock]
