@@ -74,6 +74,23 @@ def test_columns_may_be_called_otherwise_in_another_file(run, write_table, held,
     assert document["output_names"] == ["q"]
 
 
+def test_the_step_of_the_model_serves_files_of_its_columns_without_time(
+    run, write_table, held, folder
+):
+    rng = np.random.default_rng(6)
+    u = 0.05 * np.repeat(rng.choice([-1.0, 1.0], 30), 15)
+    y = held([2.0, 3.0], u) + 1e-3 * rng.standard_normal(u.size)
+    path = write_table("clock.csv", {"clk": 0.02 * np.arange(u.size), "elevator": u, "q": y})
+    record = read_record(path, dt=0.02, inputs=["elevator"], outputs=["q"])
+    identify(record, Structure(2, 1), ThreeModel(noise="white")).save(folder / "by-step.json")
+    outcome = run("validate", folder / "by-step.json", path, "--json")
+    assert json.loads(outcome.out)["own"] is True
+    assert "0.02 s, as when the model was identified" in outcome.err
+    named = run("validate", folder / "by-step.json", path, "--input", "elevator", "--output", "q")
+    assert named.code != 0
+    assert "--dt" in " ".join(named.error_lines)
+
+
 def test_the_folder_gets_the_figure_and_the_numbers(run, flight, models, tmp_path):
     outcome = run("validate", models / "right.json", flight, "--out", tmp_path / "v", "--json")
     files = sorted(path.name for path in (tmp_path / "v").iterdir())

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.signal
+import scipy.stats
 
 from tridentify import Record, Structure, TransferFunction, online, simulate
 from tridentify.estimation.likelihood.cost import evaluate_variant
@@ -149,6 +150,23 @@ def test_white_noise_keeps_its_standard_errors_and_coloured_noise_gets_its_own(m
     assert kept >= 2
     assert changes <= 1
     assert np.all(np.median(wider, axis=0) > 1.5)
+
+
+def test_longer_blocks_count_where_their_scores_scatter_more(monkeypatch):
+    """A response that the model misses: each direction by what the longest blocks say of it."""
+    sums = np.array([np.diag([8.0, 8.0, 4.0]), np.diag([20.0, 9.0, 4.0]), np.diag([1e9] * 3)])
+    blocks = np.array([66.0, 16.0, 4.0])
+    eye = np.eye(3)
+    seen = room._Scores(np.ones(3, dtype=bool), np.ones(3), eye, sums, blocks)
+    monkeypatch.setattr(room, "_scores_of", lambda *_: seen)
+    found = room.with_scatter(None, None, eye, np.ones(1), [np.arange(3)], eye)
+    tails = (scipy.stats.t.ppf(0.975, 16) / scipy.stats.norm.ppf(0.975)) ** 2
+    assert np.allclose(found, tails * sums[1])
+    # sixteen blocks do not tell twelve directions apart
+    many = np.array([np.kron(np.eye(4), one) for one in sums])
+    seen = room._Scores(np.ones(12, dtype=bool), np.ones(12), np.eye(12), many, blocks)
+    found = room.with_scatter(None, None, np.eye(12), np.ones(1), [np.arange(12)], np.eye(12))
+    assert found[2, 2] / found[0, 0] == pytest.approx(0.5)
 
 
 @pytest.mark.slow

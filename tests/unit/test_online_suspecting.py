@@ -84,6 +84,21 @@ def test_a_false_alarm_is_dropped_and_leaves_the_estimate_alone(key):
         assert _usual(alarmed, scale) >= _usual(after, scale)
 
 
+@every_method
+@pytest.mark.fast("kalman")
+def test_an_alarm_that_a_look_did_not_confirm_is_a_note(key):
+    method = METHODS[key]
+    u, y = samples(1, 3400)
+    alarmed = alarm(fed(method, u[:3000], y[:3000]))
+    severities = []
+    for more in (10, 390):
+        state = fed(method, u[3000 : 3000 + more], y[3000 : 3000 + more], alarmed)
+        assert state.values[slots.SUSPECT] == 3000
+        (told,) = [f for f in method.estimate(state).findings if f.code == "varying"]
+        severities.append(told.severity)
+    assert severities == ["warning", "note"]
+
+
 def _usual(state, scale):
     blueprint = state.stage.blueprint
     k = int(blueprint.ints[slots.DIRECTIONS])

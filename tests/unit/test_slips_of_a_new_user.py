@@ -172,6 +172,31 @@ def test_numbers_of_such_a_name_are_not_time_and_t_comes_first():
     assert record_from_frame(both, inputs=["u"], outputs=["y"]).dt == 0.5
 
 
+@pytest.mark.parametrize("scale", [1.0, 1e3, 1e6, 1e9])
+def test_stamps_that_count_from_1970_are_time(scale, tmp_path):
+    stamps = np.round((1_764_000_000.0 + 0.5 * np.arange(40)) * scale)
+    if scale == 1.0:
+        stamps = 1_764_000_000.0 + np.arange(40)
+    frame = pd.DataFrame({"timestamp": stamps, "u": np.arange(40) % 2, "y": np.arange(40)})
+    frame.to_csv(tmp_path / "stamped.csv", index=False)
+    dt = 1.0 if scale == 1.0 else 0.5
+    record = read_record(tmp_path / "stamped.csv", inputs=["u"], outputs=["y"])
+    assert record.dt == pytest.approx(dt, rel=1e-6)
+    assert record_from_frame(frame, inputs=["u"], outputs=["y"]).n_samples == 40
+
+
+def test_stamps_with_a_unit_are_time():
+    frame = pd.DataFrame({"timestamp [ms]": [0, 20, 40], "u": [0, 1, 1], "y": [0, 1, 2]})
+    assert record_from_frame(frame, inputs=["u"], outputs=["y"]).dt == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize("first", [0.0, 2.1e8, 1.8e9])
+def test_microseconds_since_it_was_switched_on_are_not_guessed(first):
+    frame = pd.DataFrame({"timestamp": first + 4e3 * np.arange(40), "u": np.arange(40) % 2})
+    frame["y"] = np.arange(40)
+    refused(SamplingError, ("time",), lambda: record_from_frame(frame, inputs=["u"], outputs=["y"]))
+
+
 def test_an_even_index_without_a_name_is_mentioned():
     frame = pd.DataFrame({"u": [0, 1, 1], "y": [0, 1, 2]}, index=[0.0, 0.25, 0.5])
     refused(

@@ -27,6 +27,7 @@ from tridentify.errors import (
     SampleTypeError,
     TooFewSamplesError,
 )
+from tridentify.judgement.validation import bends
 from tridentify.judgement.validation.residuals import look, root_of
 
 pytestmark = pytest.mark.unjudged
@@ -274,6 +275,23 @@ def test_a_response_that_is_not_linear_is_hinted_at():
     other = recorded(u, y + 0.25 * y**2 + noise())
     found = validate(identify(other, *white(dataclasses.replace(REST, offset=True))), other)
     assert "nonlinear" in [f.code for f in found.findings]
+
+
+def test_what_a_residual_is_searched_for_is_computed_once(monkeypatch):
+    """A look and all tests after it share their columns."""
+    asked, own = [], bends.bends
+
+    def counted(view, output, estimate):
+        asked.append((view, output))
+        return own(view, output, estimate)
+
+    monkeypatch.setattr(bends, "bends", counted)
+    u = np.random.default_rng(77).choice([-1.0, 0.3, 1.0], N // 8).repeat(8)
+    y = response(u)
+    found = identify(recorded(u, y + 0.4 * y**2 + noise()), Structure(2, 0))
+    assert any(one.matters for one in found.findings)
+    assert asked
+    assert len(asked) == len(set(asked))
 
 
 def test_coefficients_that_change_are_noticed():

@@ -60,13 +60,17 @@ class MissingRule:
 
 @dataclass(frozen=True)
 class RecordSource:
-    """Which part of which files are the records."""
+    """Which part of which files are the records.
+
+    `usual_step` [s] is that of the model, for files of the same columns that have no time.
+    """
 
     files: Sequence[Path]
     wanted: Wanted
     missing: tuple[MissingRule, ...] = ()
     masked: tuple[Stretch, ...] = ()
     ranges: tuple[Stretch, ...] = ()
+    usual_step: float | None = None
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -230,7 +234,14 @@ def _load_one(source: RecordSource, file: Path, activity: Activity) -> Record:
     with opened(file) as table:
         time, dt = source.wanted.time, source.wanted.dt
         if time is None and dt is None:
-            time = find_time(table, source.columns)
+            try:
+                time = find_time(table, source.columns)
+            except SamplingError:
+                if source.usual_step is None:
+                    raise
+                dt = source.usual_step
+                source = replace(source, wanted=replace(source.wanted, dt=dt))
+                activity.note(f"taking steps of {dt:.9g} s, as when the model was identified")
             if time is not None:
                 activity.note(f"taking column {time!r} as time, by its name")
         record = _read(table, source, time, file)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, cast
 
@@ -102,6 +102,8 @@ def validate(
         columns_of("output", columns.outputs, estimate.output_names),
         cast("Intersample", estimate.intersample) if reading.intersample is None else None,
     )
+    if not (columns.inputs or columns.outputs):
+        source = replace(source, usual_step=estimate.dt)
     with at_work(out) as work:
         activity = work.activity
         channels = estimate.input_names, estimate.output_names

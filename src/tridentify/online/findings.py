@@ -11,11 +11,13 @@ from tridentify.estimation.answer.finding import Finding, ranked
 from tridentify.numerics.arrays import Array
 from tridentify.online.flags import Flag
 from tridentify.online.kernels import slots
+from tridentify.online.search import TRIED, first_try
 from tridentify.online.state import State
 
 WORTH_TELLING = 1.05  # standard errors that differ by less tell nobody anything
 BIASED = 1.5  # times wider: an equation error that follows its own past
 LOOSE = 0.5  # of a coefficient, its standard error
+LOOKED = 2 * TRIED  # times a first search's samples: a look that found no change is over
 
 
 def with_findings(state: State, estimate: Estimate) -> Estimate:
@@ -103,12 +105,17 @@ def _changes(state: State) -> tuple[Finding, ...]:
         )
     if x[slots.SUSPECT] > 0.0 and x[slots.SUSPECT] != x[slots.LOOK]:
         since = (x[slots.SUSPECT] - 1.0) * stage.setting.dt
+        looked = x[slots.COUNT] - x[slots.SUSPECT] > LOOKED * first_try(stage.setting)
         found.append(
             Finding(
                 "varying",
-                "warning",
-                f"The coefficients may have changed at {since:.6g} s; no other ones explain the "
-                "samples since clearly better so far.",
+                "note" if looked else "warning",
+                f"The coefficients may have changed at {since:.6g} s; "
+                + (
+                    "no other ones explain the samples since clearly better."
+                    if looked
+                    else "the samples since are too few to tell."
+                ),
                 "Wait for more samples.",
                 times=(float(since),),
             )

@@ -10,8 +10,10 @@ long beside the memory of ``g v`` (batch means; White 1980, Newey & West 1987). 
 keeps ``M`` and, for blocks of 1, 4, 16 ... times the shortest length, ``B`` (`intake.scatter`).
 
 *Which blocks.* Long ones have little bias, many have little scatter. Of the levels with at least
-twenty blocks the longest is taken; where a longer one, of six blocks or more, has a larger
-``tr(M^{-1} B)``, the covariance grows by the ratio of the two. *Whether.* Under white noise
+twenty blocks, or two a direction and no less than six, that of the largest ``tr(M^{-1} B)`` is
+taken, with the errors of the t distribution that they leave: what a model misses of the response
+has scores that scatter more the longer the blocks are. Where a longer level of six blocks has a
+larger trace, the covariance grows by the ratio of the two. *Whether.* Under white noise
 ``tr(M^{-1} B) / (k s^2)`` is one with the variance ``2 / (k blocks)``; only if it is three standard
 deviations above that on a level, or six below, as errors that are too small do more harm, is the
 sandwich used, so that nothing is lost where the noise is white. The scores are of innovations over
@@ -29,6 +31,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import ndtri, stdtrit
 
 from tridentify.numerics.arrays import Array, Flags, Indices
 from tridentify.online.kernels import slots
@@ -38,6 +41,8 @@ FEWEST, FEWEST_USUAL = 20.0, 2.0
 """Blocks of a level from which its scatter is known, to 30 % for one number; and those from which
 what is usual begins."""
 FEW = 6.0  # blocks that tell one number
+PER_DIRECTION = 2.0  # blocks that tell directions apart
+COVERED = 0.975  # quantile at which Student's and the Gaussian's ends are compared
 CLEARLY_LARGER, CLEARLY_SMALLER = (
     3.0,
     6.0,
@@ -230,12 +235,15 @@ def with_scatter(
     many = np.flatnonzero(blocks >= FEWEST)
     if not np.any((off[many] > CLEARLY_LARGER) | (off[many] < -CLEARLY_SMALLER)):
         return cov * longest
-    level = int(many[-1])
+    enough = np.flatnonzero(blocks >= np.clip(PER_DIRECTION * size, FEW, FEWEST))
+    level = int(enough[np.argmax(ratios[enough])]) if np.any(off[many] > 0.0) else int(many[-1])
+    # few blocks leave a t distribution
+    tails = (stdtrit(blocks[level], COVERED) / ndtri(COVERED)) ** 2
     first = np.cumsum(live)[:n] - 1
     bread = (unit[:, None] * inverse * unit)[np.ix_(first, first)]
     middle = unit[:, None] * (inverse @ sums[level] @ inverse) * unit
     left = np.linalg.solve(bread, np.linalg.solve(map_, cov)).T
-    found = left @ middle[np.ix_(first, first)] @ left.T
+    found = left @ middle[np.ix_(first, first)] @ left.T * tails
     found = found * max(longest / max(float(ratios[level]), 1e-12), 1.0)
     return np.asarray(0.5 * (found + found.T))
 

@@ -89,6 +89,9 @@ def far_off(setting: Setting, samples: Array) -> Slices[Array]:
     return kept
 
 
+TRIED, DOUBTED = 3, 12  # times a first search's samples: a suspicion is tried, and dropped
+
+
 def first_try(setting: Setting) -> int:
     """Samples after which a search is worth while."""
     unknowns = len(setting.names) + setting.n_outputs * (setting.n_poles + 2)

@@ -21,10 +21,10 @@ from tridentify.online.asked import NotReadyError
 from tridentify.online.estimator import Estimator, kept_samples
 from tridentify.online.kernels import slots
 from tridentify.online.scatter import wonted
-from tridentify.online.search import FoundPoles, first_try
+from tridentify.online.search import DOUBTED, TRIED, FoundPoles, first_try
 from tridentify.online.starting import advanced, calm, idle, roomed, told_changed
 from tridentify.online.state import Stage, State
-from tridentify.online.suspicion import DOUBTED, TRIED, Old, packed, unpacked
+from tridentify.online.suspicion import Old, packed, unpacked
 from tridentify.online.task import Task
 from tridentify.online.witness import WitnessVerdict, looking
 

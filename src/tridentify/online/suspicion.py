@@ -35,7 +35,7 @@ from tridentify.numerics.slices import Slices
 from tridentify.online.launch import Launch, Planner, launching
 from tridentify.online.layout import Blueprint, NuisanceColumns, Setting
 from tridentify.online.residual import Refined, gain_of, left_by, refined
-from tridentify.online.search import VAGUE, far_off, first_try, record_of, searching
+from tridentify.online.search import DOUBTED, VAGUE, far_off, first_try, record_of, searching
 from tridentify.online.steps import estimate_of, solving
 from tridentify.record.record import Record
 
@@ -50,7 +50,6 @@ circuit that stayed as it was)."""
 RARE = 1e-5
 """Probability with which an unchanged plant is taken for another: changes are suspected often."""
 LARGER = 2.0  # than by the noise model, the covariance of few samples
-TRIED, DOUBTED = 3, 12  # times the samples of a first search: a suspicion is tried, and dropped
 
 
 class Old(NamedTuple):

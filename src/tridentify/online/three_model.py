@@ -74,7 +74,7 @@ from tridentify.online.layout import (
     parallel,
 )
 from tridentify.online.scatter import wonted
-from tridentify.online.search import checked_start, first_try, poles_of_start
+from tridentify.online.search import DOUBTED, TRIED, checked_start, first_try, poles_of_start
 from tridentify.online.starting import (
     advanced,
     again,
@@ -87,7 +87,7 @@ from tridentify.online.starting import (
 )
 from tridentify.online.state import Stage, State
 from tridentify.online.steps import estimate_of, solve_steps
-from tridentify.online.suspicion import DOUBTED, TRIED, Look, Old, packed, trying, unpacked
+from tridentify.online.suspicion import Look, Old, packed, trying, unpacked
 from tridentify.online.task import Task
 from tridentify.transfer_function import TransferFunction
 

@@ -169,6 +169,23 @@ def later(view: View, output: Output) -> tuple[Array, ...]:
     return tuple(found)
 
 
+def searched_columns(view: View, index: int, estimate: Estimate) -> SearchedColumns:
+    """What one output's residual is searched for: computed once for a look and for all tests.
+
+    Parameters
+    ----------
+    view : View
+    index : int
+        Of the output.
+    estimate : Estimate
+        The one that is looked at.
+    """
+    if index not in view.searched:
+        view.searched[index] = SearchedColumns(view, index, estimate)
+    found: SearchedColumns = view.searched[index]
+    return found
+
+
 class SearchedColumns:
     """All that a residual is searched for, not whitened; one array per experiment."""
 

@@ -55,6 +55,7 @@ from tridentify.numerics.portmanteau import (
     autocorrelation_of_fit,
     portmanteau,
 )
+from tridentify.numerics.quantiles import median
 from tridentify.numerics.robust import median_scale
 
 PRETEST = 0.05
@@ -164,7 +165,7 @@ class _Tests:
     ) -> None:
         self._output = view.outputs[index]
         self._times = tuple(record.t for record in view.records)
-        self._found = columns.SearchedColumns(view, index, estimate)
+        self._found = columns.searched_columns(view, index, estimate)
         self._n_lags, self._rate = n_lags, rate
         self.lags = self._found.lags
 
@@ -337,7 +338,7 @@ def suspicious(view: View, index: int, estimate: Estimate) -> bool:
     p-values exact: one in twenty right records is called for, and what follows then decides.
     """
     output = view.outputs[index]
-    found = columns.SearchedColumns(view, index, estimate)
+    found = columns.searched_columns(view, index, estimate)
     e, basis = whitened(output, output.noise, _fitted(output))
     kinds = (*found.late, *found.bends, found.past, found.wave, found.later, found.coming)
     white = output.white(joined(*kinds), output.noise)
@@ -466,7 +467,8 @@ def _levelled(output: Output, plain: tuple[Array, ...], edges: Array) -> tuple[A
 def _scale(output: Output, plain: tuple[Array, ...], own: Array) -> tuple[float, Array, Array]:
     """Whether the size of the noise changes from stretch to stretch (Brown & Forsythe 1974).
 
-    The absolute values are compared by their analysis of variance, gross outliers cut off.
+    The absolute values about the middle of each stretch are compared by their analysis of
+    variance, gross outliers cut off: a slow disturbance that stays makes no noise larger.
     """
     joined = np.concatenate(plain)
     count = int(np.clip(output.count // PER_STRETCH, 2, MOST_STRETCHES))
@@ -477,7 +479,7 @@ def _scale(output: Output, plain: tuple[Array, ...], own: Array) -> tuple[float,
         seen = one[np.isfinite(one)]
         scales.append(float(np.sqrt(np.mean(own[a:b] ** 2))) if seen.size else np.nan)
         if seen.size > 2:
-            parts.append(np.minimum(np.abs(seen), FARTHEST))
+            parts.append(np.minimum(np.abs(seen - median(seen)), FARTHEST))
     n, k = sum(one.size for one in parts), len(parts)
     if k < 2 or n <= k:
         return 1.0, edges.astype(np.float64), np.array(scales)

@@ -14,7 +14,8 @@ residual may hold.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,6 +127,9 @@ class View:
         Whether the estimate has standard errors.
     told : tuple of str
         What the reader should know.
+    searched : dict
+        Of every output that was asked for, what its residual is searched for
+        (`validation.columns`).
     """
 
     records: tuple[Record, ...]
@@ -134,6 +138,7 @@ class View:
     own: bool
     has_errors: bool
     told: tuple[str, ...]
+    searched: dict[int, Any] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def step(self) -> float:

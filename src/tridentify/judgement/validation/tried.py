@@ -8,6 +8,8 @@ from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.special import bdtrc
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.causes.attempt import Attempt
@@ -36,12 +38,17 @@ from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.quantiles import median
 from tridentify.numerics.robust import median_scale
+from tridentify.record.record import Record
 
 AFTER_A_JUMP = 3
 """Samples after a jump of a held input where a far sample is a misfit of the model."""
 
 MOSTLY_ALONE = 0.7
 """Share of the far samples that stand elsewhere, from which jumps are a coincidence."""
+
+COINCIDENCE = 0.01
+"""Probability, of places at random, from which it is one that so many follow a jump: two spikes
+both do in one record of fifteen where the input jumps every tenth sample."""
 
 FADED = 0.5
 """Share of the far samples that may be left beside a cause that they come from."""
@@ -427,15 +434,19 @@ def _with_bad_samples_alone(view: View, found: Evidence) -> Evidence:
     rows = found.normality.outliers
     if not len(rows) or not is_staircase(view.records):
         return found
-    kept = []
-    for e, t, _ in rows:
-        record = view.records[int(e)]
-        at = int(np.argmin(np.abs(record.t - t)))
-        before = record.u[max(at - AFTER_A_JUMP, 0) : at + 1]
-        kept.append(not np.ptp(before, axis=0).any())
-    if np.mean(kept) > MOSTLY_ALONE:
+    follow = [_after_a_jump(record) for record in view.records]
+    kept = np.array([not follow[int(e)][np.argmin(np.abs(view.records[int(e)].t - t))]
+                     for e, t, _ in rows])  # fmt: skip
+    by_chance = bdtrc(np.sum(~kept) - 1, kept.size, float(np.mean(np.concatenate(follow))))
+    if np.mean(kept) > MOSTLY_ALONE or by_chance > COINCIDENCE:
         return found
     return found.having(normality=replace(found.normality, outliers=rows[kept]))
+
+
+def _after_a_jump(record: Record) -> NDArray[np.bool_]:
+    """Which samples follow a jump of an input."""
+    jumps = np.diff(record.u, axis=0, prepend=record.u[:1]).any(axis=1)
+    return np.convolve(jumps, np.ones(AFTER_A_JUMP))[: jumps.size] > 0
 
 
 def _called(one: Evidence) -> bool:

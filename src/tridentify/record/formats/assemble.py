@@ -44,7 +44,13 @@ from tridentify.record.checks.samples import Intersample
 from tridentify.record.checks.times import TIME_TOLERANCE, sample_range, time_axis, uniform_step
 from tridentify.record.formats.channels import SECONDS, Channel, OpenFile
 from tridentify.record.formats.rounded_time import raster_behind
-from tridentify.record.formats.time_names import epoch_unit, named_time, unit_in_name
+from tridentify.record.formats.time_names import (
+    epoch_unit,
+    is_epoch,
+    is_stamp,
+    named_time,
+    unit_in_name,
+)
 from tridentify.record.record import Record
 
 __all__ = ["Instants", "Wanted", "record_from", "time_channels"]
@@ -235,11 +241,23 @@ def time_channels(source: OpenFile) -> list[Channel]:
     """Give the channels that are time by their name, in any case, without a time of their own.
 
     Those called t or time; where there are none, those that another language calls so, then those
-    called at greater length or with a unit, and then those called `DATE_NAMES` that hold dates.
+    called at greater length or with a unit, then those called `DATE_NAMES` that hold dates, then
+    stamps with a unit or that count from 1970.
     """
     free = [channel for channel in source.channels if not channel.clock]
     named = [free[k] for k in named_time([channel.name for channel in free])]
-    return named or [c for c in free if c.dated and c.name.casefold() in DATE_NAMES]
+    named = named or [c for c in free if c.dated and c.name.casefold() in DATE_NAMES]
+    return named or [c for c in free if _tells_time(source, c)]
+
+
+def _tells_time(source: OpenFile, channel: Channel) -> bool:
+    """Whether stamps say in what they count, or do so by how large they are."""
+    if channel.dated or not is_stamp(channel.name):
+        return False
+    if channel.unit:
+        return channel.unit in SECONDS
+    (values,) = source.read([source.channels.index(channel)])
+    return is_epoch(values)
 
 
 def _with_time(source: OpenFile, wanted: Wanted) -> Wanted:

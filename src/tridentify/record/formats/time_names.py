@@ -7,7 +7,15 @@ from collections.abc import Sequence
 
 from tridentify.numerics.arrays import Array
 
-__all__ = ["epoch_unit", "is_called_time", "named_time", "unit_in_name", "unit_of_clock"]
+__all__ = [
+    "epoch_unit",
+    "is_called_time",
+    "is_epoch",
+    "is_stamp",
+    "named_time",
+    "unit_in_name",
+    "unit_of_clock",
+]
 
 ENGLISH_NAMES = ("t", "time")
 TIME_NAMES = (*ENGLISH_NAMES, "zeit", "temps", "tiempo", "tempo", "tijd")
@@ -21,6 +29,16 @@ WITH_UNIT = (*TIME_NAMES, *LONGER_NAMES[:2], "timestamp", "time stamp", "stamp")
 """What stands before a unit at the end of a name: ``t_ms``, ``timestamp_us``."""
 
 ENDING = re.compile(r"(?P<name>.*[^ _-])[ _-]+(?P<unit>ms|us|µs|μs|ns|s|sec|min|h)")
+
+STAMPS = ("timestamp", "time stamp", "epoch", "unix time")
+"""What may be time where its numbers tell since when and in what they count."""
+
+NOWADAYS = (1.2e9, 2.5e9)
+"""Seconds since 1970 of 2008 and 2049."""
+
+LONGEST_STEP = 60.0
+"""Mean step [s] of such a column: what counts microseconds since it was switched on, the usual
+other kind, passes the numbers of `NOWADAYS` after twenty minutes, in larger steps."""
 
 # larger numbers of seconds since 1970 lie thousands of years ahead
 EPOCHS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
@@ -101,3 +119,34 @@ def epoch_unit(time: Array) -> str:
     """
     largest = float(abs(time).max()) if time.size else 0.0
     return next((unit for least, unit in EPOCHS if largest > least), "")
+
+
+def is_stamp(name: str) -> bool:
+    """Whether a name is that of a column that may count from 1970.
+
+    Examples
+    --------
+    >>> is_stamp("Timestamp"), is_stamp("unix_time"), is_stamp("u")
+    (True, True, False)
+    """
+    return _words(name) in STAMPS
+
+
+def is_epoch(time: Array) -> bool:
+    """Whether numbers count from 1970.
+
+    Parameters
+    ----------
+    time : (n_samples,) array
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> is_epoch(1.76e9 + np.arange(5.0)), is_epoch(np.arange(5.0))
+    (True, False)
+    """
+    if len(time) < 2:
+        return False
+    seconds = time * {"": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}[epoch_unit(time)]
+    within = NOWADAYS[0] < seconds[0] <= seconds[-1] < NOWADAYS[1]
+    return bool(within and seconds[-1] - seconds[0] <= LONGEST_STEP * (len(time) - 1))
