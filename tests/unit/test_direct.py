@@ -167,6 +167,10 @@ def test_no_reaction_shows_where_there_is_none(behaviour):
 def test_a_reaction_shows_in_what_the_predictor_leaves():
     record = position_loop(3)
     assert by_predictor(Inputs.of([record]), 0, 0).p_value < 1e-20
+    y = record.y.copy()
+    y[np.random.default_rng(3).choice(len(y), len(y) // 10, replace=False)] = np.nan
+    gaps = Record(record.u, y, dt=record.dt)
+    assert by_predictor(Inputs.of([gaps]), 0, 0).p_value < 1e-15
 
 
 @pytest.mark.unjudged

@@ -78,6 +78,14 @@ def test_every_fit_and_coefficient_starts_from_what_is_printed(seed, route):
                 assert float(before) == pytest.approx(estimate.parameters[name].value, rel=1e-3)
 
 
+@pytest.mark.parametrize("seed", [3, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 4))])
+def test_feedback_is_found_though_a_drift_explains_more(seed):
+    estimate = estimated(seed, "auto")
+    assert estimate.route == "direct"
+    assert "feedback" in [one.code for one in estimate.findings]
+    assert abs(estimate.parameters["b0"].value / GAIN - 1.0) < 0.5
+
+
 def test_what_a_status_advises_gives_way_to_an_error():
     wrong = Finding("feedback", "error", "The input reacts.", "Open the loop.")
     assert beside_errors("record longer", [wrong]) == ""

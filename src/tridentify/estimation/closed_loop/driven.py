@@ -183,8 +183,8 @@ def befores(reference: Array) -> list[Array]:
     return [first, np.zeros_like(first)] if np.any(first) else [first]
 
 
-def widest(record: Record, rate: float, before: Array) -> Driven:
-    """With all operators of a rate that the samples determine between them too.
+def widest(record: Record, rate: float, before: Array, most: int = MOST_FUNCTIONS) -> Driven:
+    """With all operators of a rate that the samples determine between them too, up to so many.
 
     Parameters
     ----------
@@ -192,9 +192,10 @@ def widest(record: Record, rate: float, before: Array) -> Driven:
     rate : float
         [rad/s].
     before : (n_references,) array
+    most : int
     """
     step = float(np.median(np.diff(record.t)))
-    order = min(_affordable(record), shown_by_samples(rate * step))
+    order = min(_affordable(record), shown_by_samples(rate * step), most)
     columns = _columns(
         np.asarray(record.reference), operators(starting(record, before), rate, order)
     )
@@ -202,14 +203,14 @@ def widest(record: Record, rate: float, before: Array) -> Driven:
     return Driven(record, rate, order, before, weights, columns)
 
 
-def near(part: Driven) -> list[Driven]:
+def near(part: Driven, most: int) -> list[Driven]:
     """`widest` of rates up to four times as slow and as fast, and of all that may have been before.
 
     The one of the same rate and the same before is the first.
     """
     rates = [rate for rate in _rates(part.record) if 0.2 < rate / part.rate < 5.0]
     found = [
-        widest(part.record, rate, before)
+        widest(part.record, rate, before, most)
         for rate in sorted(rates, key=lambda one: abs(np.log(one / part.rate)))
         for before in befores(np.asarray(part.record.reference))
     ]

@@ -89,13 +89,14 @@ def apart_from_noise(loop: Loop, model: TransferFunction, left: Array) -> Driven
         again = _Turn.of(part, part.noise)
         found = None if again is None else _settled(loop, model, given, again)
         return part if found is None else found.part
-    first = _Turn.of(widest(part.record, part.rate, part.before), given)
+    most = _most_beside_noise(part.record)
+    first = _Turn.of(widest(part.record, part.rate, part.before, most), given)
     if loop.record.dt is None or first is None:
         return beside_noise(part, given)
     found = _settled(loop, model, given, first)
     if found is None:
         return beside_noise(part, given)
-    others = [turn for one in near(part) if (turn := _Turn.of(one, found.noise)) is not None]
+    others = [turn for one in near(part, most) if (turn := _Turn.of(one, found.noise)) is not None]
     best = min(others, key=lambda one: one.criterion)
     return (_settled(loop, model, given, best) or found).part
 
@@ -218,6 +219,13 @@ class _Colour:
         seen = np.fft.rfft(e, self.length, axis=0)
         found = np.linalg.solve(full, seen[:, :, None])[:, :, 0]
         return np.asarray(np.fft.irfft(found, self.length, axis=0)[: len(e)])
+
+
+def _most_beside_noise(record: Record) -> int:
+    """Operators on each reference, of which as many on the noise are told apart."""
+    n_references, n_outputs = record.n_references, record.n_outputs
+    left = record.n_samples // SAMPLES_EACH - 2 * (1 + n_references) - n_outputs
+    return max(1, left // (2 * n_references + n_outputs))
 
 
 def _of_noise(part: Driven, v: Array) -> Array | None:

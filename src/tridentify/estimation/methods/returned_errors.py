@@ -1,23 +1,27 @@
-"""Standard errors where what the reference drives was found with the help of the model.
+"""Standard errors of a root, whose residual hangs on the coefficients in more ways than one.
 
-Between the samples of a continuous controller the driven input is not recorded. It is found apart
-from the noise that a model leaves (`closed_loop.noise_driven`), or simulated in the model's loop:
-either way it is a function ``u_M(theta)``. At the samples nothing hangs on it, as what is taken
-from one part of the input is added to the other; between them the residual
+The root of ``sum Z e = 0`` lies ``(Z' T)^{-1} Z' e`` from the truth, with ``T`` all that the
+residual changes by, so that its covariance is
+
+    sigma^2  (Z' T)^{-1}  Z' Z  (Z' T)^{-T}.                                              (1)
+
+The fit takes ``T`` for ``Z``, which it is on the mean. In a record it is not: with
 
     e(theta)  =  y - G(theta) u_M(theta) - G(theta) held(u - u_M(theta))
 
-moves with ``theta`` by ``-(Z_0 + D)``, with ``Z_0`` the derivative for an input that is known and
-``D`` what the change of ``u_M`` makes between the samples. The root of ``sum Z e = 0`` therefore
-lies ``(Z' (Z + D))^{-1} Z' e`` from the truth: an error of the coefficients comes back through the
-loop, larger by ``(I + A)^{-1}`` with ``A = (Z' Z)^{-1} Z' D``, and the covariance is
+``T = Z + N + D``. What noise makes of the input gives ``N``. It is independent of ``Z``, but where
+a controller of high gain makes it larger than what the reference drives, hundreds of samples are
+few, and the errors of this record may be two times those of the mean.
 
-    (I + A)^{-1}  sigma^2 (Z' Z)^{-1}  (I + A)^{-T}.                                          (1)
-
-In loops that are slow beside their samples ``A`` is nothing. The direct gain of a fast one, which
-the samples hardly tell from what the controller does between them, has twice the error and more.
-The derivatives are differences over one standard error. With ``Z + D`` for instruments in place of
-``Z`` the errors would be smaller by up to 5 % (`benchmarks/closed_loop.py`, whose bound they are).
+``D`` is there where what the reference drives between the samples of a continuous controller was
+found with the help of the model: apart from the noise that a model leaves
+(`closed_loop.noise_driven`), or simulated in the model's loop. At the samples nothing hangs on it,
+as what is taken from one part of the input is added to the other; between them an error of the
+coefficients comes back through the loop. In loops that are slow beside their samples ``D`` is
+nothing. The direct gain of a fast one, which the samples hardly tell from what the controller does
+between them, has twice the error and more. The derivatives are differences over one standard
+error. With ``Z + D`` for instruments in place of ``Z`` the errors would be smaller by up to 5 %
+(`benchmarks/closed_loop.py`, whose bound they are).
 
 References: T. Soderstrom & P. Stoica, *Instrumental Variable Methods for System Identification*
 (1983), on the covariance of a root.
@@ -51,14 +55,14 @@ MOST_RETURNED = 10.0
 
 
 def with_returned_errors(found: Rooted) -> tuple[Rooted, str]:
-    """The root with the covariance (1), and what is told of it; empty where nothing changes.
+    """The root with the covariance (1), and what is told of ``D``; empty where it is next to none.
 
     Parameters
     ----------
     found : Rooted
     """
     estimate = found.estimate
-    if not all(_follows_the_model(one) for one in found.loops) or not found.still:
+    if not found.still:
         return found, ""
     try:
         back = returned(found)
@@ -66,13 +70,15 @@ def with_returned_errors(found: Rooted) -> tuple[Rooted, str]:
         return found, ""
     if back is None:
         return found, ""
-    cov = np.array(estimate.cov)
     free = np.flatnonzero(estimate.std > 0)
-    cov[np.ix_(free, free)] = back @ cov[np.ix_(free, free)] @ back.T
-    share = np.sqrt(np.diag(cov)[free]) / estimate.std[free]
-    if not np.isfinite(share).all() or share.max() > MOST_RETURNED:
+    covs = [one @ estimate.cov[np.ix_(free, free)] @ one.T for one in back]
+    size, held = (np.sqrt(np.diag(one)) for one in covs)
+    most = size / estimate.std[free]
+    if not np.isfinite(most).all() or most.max() > MOST_RETURNED:
         return found, ""
-    told = ""
+    cov = np.array(estimate.cov)
+    cov[np.ix_(free, free)] = covs[0]
+    told, share = "", size / held
     if share.max() > NOTABLE:
         told = (
             f"standard errors {share.min():.2f} to {share.max():.2f} times those of an input that "
@@ -81,8 +87,10 @@ def with_returned_errors(found: Rooted) -> tuple[Rooted, str]:
     return replace(found, estimate=replace(estimate, cov=cov)), told
 
 
-def returned(found: Rooted) -> Array | None:
-    """(n_free, n_free) ``(I + A)^{-1}`` of (1); None where a difference leads to no model.
+def returned(found: Rooted) -> tuple[Array, Array] | None:
+    """(n_free, n_free) ``(Z' T)^{-1} Z' Z`` of (1), and the same without ``D``.
+
+    None where a difference leads to no model.
 
     Parameters
     ----------
@@ -90,36 +98,43 @@ def returned(found: Rooted) -> Array | None:
     """
     estimate = found.estimate
     free = np.flatnonzero(estimate.std > 0)
-    base = _at(found.loops, estimate, estimate.model)
-    slopes: list[list[Array]] = []
-    changes: list[list[Array]] = []
+    follow = all(_follows_the_model(one) for one in found.loops)
+    base = _at(found.loops, estimate, estimate.model) if follow else list(found.loops)
+    instruments, slopes, changes = [], [], []
     for j in free:
         model, step = _moved(estimate, int(j))
         if model is None:
             return None
-        loops = _at(found.loops, estimate, model)
-        slopes.append(
+        loops = _at(found.loops, estimate, model) if follow else base
+        instruments.append(
             [
-                (simulate(model, one.instrument) - simulate(estimate.model, one.instrument)) / step
+                simulate(model, one.instrument) - simulate(estimate.model, one.instrument)
                 for one in base
             ]
         )
+        slopes.append([made(one, model) - made(one, estimate.model) for one in base])
         changes.append(
             [
-                (made(one, estimate.model) - made(was, estimate.model)) / step
+                made(one, estimate.model) - made(was, estimate.model)
                 for one, was in zip(loops, base, strict=True)
             ]
         )
+        for each in (instruments, slopes, changes):
+            each[-1] = [one / step for one in each[-1]]
     left, count = residuals(found.loops, estimate), free.size
-    rows = [
-        _weighted(loop, estimate, e, i, left[e], [one[e] for one in (*slopes, *changes)])
-        for e, loop in enumerate(base)
-        for i in range(loop.record.n_outputs)
-    ]
-    table = np.vstack(rows)
+    table = np.vstack(
+        [
+            _weighted(
+                loop, estimate, e, i, left[e], [one[e] for one in (*instruments, *slopes, *changes)]
+            )
+            for e, loop in enumerate(base)
+            for i in range(loop.record.n_outputs)
+        ]
+    )
     size = np.linalg.norm(table[:, :count], axis=0)
     share = np.linalg.lstsq(table[:, :count] / size, table[:, count:], rcond=None)[0]
-    return np.asarray(np.linalg.inv(np.eye(count) + share / size[:, None]))
+    held, back = np.split(share / size[:, None], 2, axis=1)
+    return np.linalg.inv(held + back), np.linalg.inv(held)
 
 
 def _follows_the_model(loop: Loop) -> bool:

@@ -13,9 +13,10 @@ the test is made on what is left of the present explanation, beside the past inp
 with what other explanations gain.
 
 What is left of a fit that feedback has bent, of an integrator that a controller holds most of all,
-may be so large and slow that no surprise shows in it. So the test is made once more on what the
-predictor leaves, the best forecast of the output from its own past and that of the inputs, which no
-feedback bends (`by_predictor`).
+may be so large and slow that no surprise shows in it, and a drift explains more of it than inputs
+to come. So the test is made once more on what the predictor leaves, the best forecast of the output
+from its own past and that of the inputs, which no feedback bends (`by_predictor`). What that leaves
+knows of no model, and no other explanation of one stands against it.
 
 References: C. Sims, American Economic Review 62 (1972) 540-552. C. Granger, Econometrica 37 (1969)
 424-438.
@@ -61,6 +62,10 @@ with the next ones."""
 CHANCE = 1e-3
 """p-value from which an input reacts to the output: one right record of a thousand, where its input
 moves a little at every sample."""
+
+CHANCE_FORECAST = 1e-4
+"""The same of what the predictor leaves, where something else explains more of the model's errors:
+of 417 open-loop records, with gusts, coloured noise, gaps and bends, none was below 1e-3."""
 
 CHANCE_MEASURED = 1e-8
 """The same of an input that is not held: it is smooth, and hardly anything quite linear."""
@@ -195,8 +200,8 @@ def reacts(
     direct = inputs.held and has_direct_part(records)
     for i in range(n_outputs):
         within = Within.of(point, inputs, i, direct=direct)
-        seen = _left_by(point, i, inputs, within)
-        seen = seen if seen.is_clear else by_predictor(inputs, i, within.guard)
+        left = _left_by(point, i, inputs, within)
+        seen = left if left.is_clear else by_predictor(inputs, i, within.guard)
         if not seen.is_clear:
             continue
         beside = inputs.held and any(
@@ -204,6 +209,10 @@ def reacts(
         )
         if beside or seen.gain > AS_MUCH * most:
             found[i] = seen
+            continue
+        forecast = by_predictor(inputs, i, within.guard) if seen is left else seen
+        if forecast.is_clear and forecast.p_value < CHANCE_FORECAST:
+            found[i] = forecast
     return found
 
 
@@ -295,21 +304,26 @@ def by_predictor(inputs: Inputs, output: int, guard: int) -> Coming:
         Samples ahead that may act without feedback.
     """
     y = [np.ascontiguousarray(record.y[:, output]) for record in inputs.records]
+    # where a sample is missing the past is the last one before it, which is past as well
+    last = [_last_seen(one) for one in y]
     most = max(1, min(PAST, sum(one.size for one in y) // PER_PAST))
     # inputs count from where each experiment begins, so that each has a level of its own
     level = np.eye(len(y))
     own = [
         np.column_stack([_before(one, range(1, most + 1)), np.tile(level[e], (one.size, 1))])
-        for e, one in enumerate(y)
+        for e, one in enumerate(last)
     ]
-    # a sample whose past is not known is none of the predictor's
-    seen = [
-        np.where(np.all(np.isfinite(past), axis=1), one, np.nan)
-        for one, past in zip(y, own, strict=True)
-    ]
-    for one in seen:
-        one[:most] = np.nan
+    seen = [np.where(np.arange(one.size) < most, np.nan, one) for one in y]
     return _from(guard, seen, own, np.zeros(0), inputs, np.nan_to_num(np.concatenate(seen)))[0]
+
+
+def _last_seen(y: Array) -> Array:
+    """A signal whose missing samples are those before them; those at the start are the first."""
+    there = np.flatnonzero(np.isfinite(y))
+    if not there.size:
+        return np.zeros(y.size)
+    place = np.searchsorted(there, np.arange(y.size), side="right") - 1
+    return np.asarray(y[there[np.maximum(place, 0)]])
 
 
 def _from(
