@@ -24,7 +24,7 @@ from tridentify import (
     select_structure,
     simulate,
 )
-from tridentify.cli.tables import _row
+from tridentify.cli.tables import parameter_row
 from tridentify.errors import (
     CandidateError,
     DataError,
@@ -281,7 +281,7 @@ def test_a_time_constant_of_a_pole_that_may_be_zero_is_not_determined(estimate):
     (pole,) = [line for line in one.summary().splitlines() if line.startswith("real pole")]
     assert "not determined" not in pole
     rows = {item.name: item for item in one.derived()}
-    assert quantity_row(rows["time constant"])[1] == _row(rows["time constant"])[1]
+    assert quantity_row(rows["time constant"])[1] == parameter_row(rows["time constant"])[1]
     assert quantity_row(rows["time constant"])[1] == "not determined"
     (line,) = [r for r in estimate.summary().splitlines() if r.startswith("time constant")]
     assert "not determined" not in line

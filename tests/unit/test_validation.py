@@ -277,6 +277,7 @@ def test_a_response_that_is_not_linear_is_hinted_at():
     assert "nonlinear" in [f.code for f in found.findings]
 
 
+@pytest.mark.judged
 def test_what_a_residual_is_searched_for_is_computed_once(monkeypatch):
     """A look and all tests after it share their columns."""
     asked, own = [], bends.bends
