@@ -317,6 +317,24 @@ def by_predictor(inputs: Inputs, output: int, guard: int) -> Coming:
     return _from(guard, seen, own, np.zeros(0), inputs, np.nan_to_num(np.concatenate(seen)))[0]
 
 
+def forecasts_react(point: Point, records: Sequence[Record]) -> bool:
+    """Whether the input reacts to an output by the forecasts, which bend with no model.
+
+    Parameters
+    ----------
+    point : Point
+        Of a model, for how soon inputs act.
+    records : sequence of Record
+        With all samples, also those that are far from the model.
+    """
+    inputs = Inputs.of(records)
+    direct = not inputs.commanded and inputs.held and has_direct_part(records)
+    return not inputs.commanded and any(
+        by_predictor(inputs, i, Within.of(point, inputs, i, direct=direct).guard).is_clear
+        for i in range(point.problem.n_outputs)
+    )
+
+
 def _last_seen(y: Array) -> Array:
     """A signal whose missing samples are those before them; those at the start are the first."""
     there = np.flatnonzero(np.isfinite(y))

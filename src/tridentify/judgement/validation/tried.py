@@ -14,7 +14,13 @@ from scipy.special import bdtrc
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.causes.attempt import Attempt
 from tridentify.judgement.causes.explanation import Explanation, Explanations
-from tridentify.judgement.causes.feedback import Inputs, Within, by_predictor, coming
+from tridentify.judgement.causes.feedback import (
+    Inputs,
+    Within,
+    by_predictor,
+    coming,
+    forecasts_react,
+)
 from tridentify.judgement.causes.intersample import is_staircase
 from tridentify.judgement.causes.lost import LEAST_PIECE, Place, jumps
 from tridentify.judgement.validation.distribution import distribution
@@ -140,9 +146,8 @@ def _may_react(view: View) -> bool:
     for i, one in enumerate(view.outputs):
         own = [np.hstack(pair) for pair in zip(one.coefficients, one.nuisance, strict=True)]
         within = Within.of(view.point, inputs, i)
-        if coming(one.residual, own, one.noise, inputs, within).is_clear:
-            return True
-        if by_predictor(inputs, i, within.guard).is_clear:
+        left = coming(one.residual, own, one.noise, inputs, within)
+        if left.is_clear or by_predictor(inputs, i, within.guard).is_clear:
             return True
     return False
 
@@ -184,6 +189,13 @@ def try_causes(view: View, estimate: Estimate, n_lags: int, rate: float) -> Trie
         if tried.named is not None and tried.named.rival.code == "lost-rows":
             return tried
         setting, known = setting._replace(torn=()), tried.explained
+    outputs = range(len(view.outputs))
+    bad = any(len(_examined(view, i, setting).normality.outliers) for i in outputs)
+    if bad and not view.uneven and forecasts_react(view.point, view.records):
+        # a fit that feedback has bent calls good samples bad, and hides it without them
+        reacting = _tried(view, setting, False, known)
+        if reacting.cause == "feedback":
+            return reacting
     without = _looked_again(_tried(view, setting, True, known), view, setting)
     found = sum(len(one.normality.outliers) for one in without.evidence)
     if not found or not without.cause:
@@ -201,10 +213,7 @@ def try_causes(view: View, estimate: Estimate, n_lags: int, rate: float) -> Trie
     if whole.cause != without.cause or sum(len(one) for one in rows) > FADED * found:
         return without
     whole = _looked_again(whole, view, setting)
-    evidence = [
-        one.having(normality=replace(one.normality, outliers=own))
-        for one, own in zip(whole.evidence, rows, strict=True)
-    ]
+    evidence = [_with_outliers(*pair) for pair in zip(whole.evidence, rows, strict=True)]
     return replace(whole, evidence=evidence)
 
 
@@ -273,8 +282,7 @@ def _looked_again(tried: TriedCauses, given: View, setting: _Setting) -> TriedCa
 
 def _beside(named: Explanation, view: View, i: int, one: Evidence) -> Evidence:
     """Without the bad samples that the cause explains: those beyond a limit are none."""
-    rows = still_far(named, view, i, one.normality.outliers)
-    return one.having(normality=replace(one.normality, outliers=rows))
+    return _with_outliers(one, still_far(named, view, i, one.normality.outliers))
 
 
 def _ends(tried: TriedCauses) -> tuple[Attempt, ...]:
@@ -410,7 +418,10 @@ def _cleaned(
         ]
         if not any(map(len, again)):
             break
-        evidence = [_with_outliers(one, rows) for one, rows in zip(evidence, again, strict=True)]
+        evidence = [
+            _with_outliers(one, np.vstack([one.normality.outliers, rows]))
+            for one, rows in zip(evidence, again, strict=True)
+        ]
         clean = _all_taken_out(view, evidence)
     return clean, evidence
 
@@ -424,9 +435,8 @@ def _all_taken_out(view: View, evidence: Sequence[Evidence]) -> View:
 
 
 def _with_outliers(one: Evidence, rows: Array) -> Evidence:
-    """With some more outliers."""
-    both = np.vstack([one.normality.outliers, rows])
-    return one.having(normality=replace(one.normality, outliers=both))
+    """With other outliers."""
+    return one.having(normality=replace(one.normality, outliers=rows))
 
 
 def _with_bad_samples_alone(view: View, found: Evidence) -> Evidence:
@@ -440,7 +450,7 @@ def _with_bad_samples_alone(view: View, found: Evidence) -> Evidence:
     by_chance = bdtrc(np.sum(~kept) - 1, kept.size, float(np.mean(np.concatenate(follow))))
     if np.mean(kept) > MOSTLY_ALONE or by_chance > COINCIDENCE:
         return found
-    return found.having(normality=replace(found.normality, outliers=rows[kept]))
+    return _with_outliers(found, rows[kept])
 
 
 def _after_a_jump(record: Record) -> NDArray[np.bool_]:
@@ -469,8 +479,7 @@ def _tested(view: View, index: int, setting: _Setting) -> Evidence:
         known[whole] = examine(view, index, estimate, n_lags, rate)
     found = _with_bad_samples_alone(view, known[whole])
     if torn and len(found.normality.outliers):
-        left = _after(torn, view, found.normality.outliers)
-        found = found.having(normality=replace(found.normality, outliers=left))
+        found = _with_outliers(found, _after(torn, view, found.normality.outliers))
     if not len(found.normality.outliers) or found.past < CALLED:
         return found
     clean = without_outliers(view, index, found)
