@@ -60,8 +60,9 @@ from tridentify.numerics.robust import median_scale
 
 PRETEST = 0.05
 """p-value of whiteness up to which a noise model is fitted before other tests."""
-SUSPICIOUS = 0.01
-"""p-value of a score test from which an estimate is looked at more closely."""
+SUSPICIOUS = 0.02
+"""p-value of all score tests together from which an estimate is looked at more closely: what
+follows costs many times the fit."""
 WORTH_MODELLING = 0.02
 """p-value of a score test up to which the noise is modelled again beside its columns."""
 LEAST_FEEDBACK = 0.02
@@ -255,7 +256,7 @@ class _Tests:
     def linear(self) -> float:
         kinds = self._found.bends
         bent = [(self._bent(one, CALLED / len(kinds)), one) for one in kinds]
-        return min(1.0, len(bent) * least_checked(self._wide, bent))
+        return least_checked(self._wide, bent)
 
     def _bent(self, extra: tuple[Array, ...], enough: float) -> float:
         """By score, with a noise model that has not taken for noise what the columns explain."""
@@ -335,7 +336,7 @@ def suspicious(view: View, index: int, estimate: Estimate) -> bool:
     """Whether a look at one output's residual calls for all tests and other explanations.
 
     The score tests alone, under the noise model of the estimate and without what makes their
-    p-values exact: one in twenty right records is called for, and what follows then decides.
+    p-values exact: one in fifty right records is called for, and what follows then decides.
     """
     output = view.outputs[index]
     found = columns.searched_columns(view, index, estimate)
@@ -344,7 +345,7 @@ def suspicious(view: View, index: int, estimate: Estimate) -> bool:
     white = output.white(joined(*kinds), output.noise)
     ends = np.cumsum([one[0].shape[1] for one in kinds])[:-1]
     tests = added_each(e, basis, np.split(white, ends, axis=1), output.count)
-    return min(test.p_value for test in tests) < SUSPICIOUS
+    return len(tests) * min(test.p_value for test in tests) < SUSPICIOUS
 
 
 def _fitted(output: Output) -> tuple[Array, ...]:
@@ -366,7 +367,7 @@ def _past_and_level(
     late = [output.white(one, alone.noise) for one in found.late]
     level, *of_late = (test.p_value for test in added_each(e, basis, [wave, *late], n))
     by_score = [(p_past, found.past), *zip(of_late, found.late, strict=True)]
-    p_past = min(1.0, len(by_score) * least_checked(alone, by_score))
+    p_past = least_checked(alone, by_score)
     level = checked(alone, found.wave, level)
     if p_past < CALLED and level < CALLED:
         return _told_apart(past, wave, (basis, e), n_lags, n, p_past)

@@ -84,8 +84,15 @@ class Known:
         """As `_deviance`, with a noise model of that order."""
         return _deviance(self.output, self.columns, self.order, self.most)
 
+    @cached_property
+    def drawn(self) -> list[tuple[Output, float]]:
+        """Noise of such a model in place of the residual, and the deviance of each."""
+        noise = modelled(self.output, self.columns, np.zeros(0), self.most, 0, self.order)
+        draws = _draws(self.output, noise)
+        return [(one, _deviance(one, self.columns, self.order, self.most)[0]) for one in draws]
 
-def checked(known: Known, extra: tuple[Array, ...], p: float) -> float:
+
+def checked(known: Known, extra: tuple[Array, ...], p: float, level: float = CALLED) -> float:
     """A p-value that holds although the noise's model was fitted to the same samples.
 
     Parameters
@@ -95,6 +102,8 @@ def checked(known: Known, extra: tuple[Array, ...], p: float) -> float:
         The further columns, per experiment, not whitened.
     p : float
         Of the score test.
+    level : float
+        p-value from which something is called wrong: less where it is one of several tests.
 
     Returns
     -------
@@ -109,7 +118,8 @@ def checked(known: Known, extra: tuple[Array, ...], p: float) -> float:
     if order == 0:
         return p
     before, rank = known.deviance
-    after, larger = _deviance(output, joined(known.columns, extra), order, known.most)
+    both = joined(known.columns, extra)
+    after, larger = _deviance(output, both, order, known.most)
     k, freedom = larger - rank, output.count - larger - order
     if k < 1 or freedom < 1:
         return 1.0
@@ -118,15 +128,11 @@ def checked(known: Known, extra: tuple[Array, ...], p: float) -> float:
         return float(np.expm1(max(ratio, 0.0) / output.count)) * freedom / k
 
     f = f_of(before - after)
-    if fdtrc(k, freedom, f) < WORTH_DRAWING and fdtrc(k, freedom, f / MOST_TOO_LARGE) > CALLED:
-        both = joined(known.columns, extra)
-        noise = modelled(output, known.columns, np.zeros(0), known.most, 0, order)
-        drawn = []
-        for one in _draws(output, noise):
-            smaller, wider = (
-                _deviance(one, columns, order, known.most)[0] for columns in (known.columns, both)
-            )
-            drawn.append(f_of(smaller - wider))
+    if fdtrc(k, freedom, f) < WORTH_DRAWING and fdtrc(k, freedom, f / MOST_TOO_LARGE) > level:
+        drawn = [
+            f_of(smaller - _deviance(one, both, order, known.most)[0])
+            for one, smaller in known.drawn
+        ]
         usual = freedom / max(freedom - 2.0, 1.0)
         f /= float(np.clip(np.mean(drawn) / usual, 1.0, MOST_TOO_LARGE))
     return max(p, float(fdtrc(k, freedom, f)))
@@ -146,16 +152,17 @@ def _draws(output: Output, noise: Array) -> Iterator[Output]:
 
 
 def least_checked(known: Known, by_score: list[tuple[float, tuple[Array, ...]]]) -> float:
-    """The least of several `checked`; what cannot be the least is not worked out.
+    """The least of several `checked`, that it is the least of so many allowed for (Bonferroni).
 
-    A check only ever makes a p-value larger, so that those of the score come first.
+    A check only ever makes a p-value larger, so that those of the score come first, and what cannot
+    be the least is not worked out.
     """
-    least = math.inf
+    least, many = math.inf, len(by_score)
     for p, extra in sorted(by_score, key=lambda one: one[0]):
         if p >= least:
             break
-        least = min(least, checked(known, extra, p))
-    return least
+        least = min(least, checked(known, extra, p, CALLED / many))
+    return min(1.0, many * least)
 
 
 def _deviance(
