@@ -97,3 +97,14 @@ def test_overtones_of_a_periodic_input_are_no_tone_from_outside():
 def test_slow_sampling_tells_nothing_of_mains():
     assert mains(0.2, 500, 1.0) == 0.0
     assert mains(10.0, 500, 1.0 / 70.0) == 60.0
+
+
+def test_a_line_of_an_input_of_many_lines_is_no_tone():
+    """What dry friction leaves of a drive that goes to and fro four times, among other lines."""
+    for seed in range(6):
+        rng = np.random.default_rng(300 + seed)
+        n = 2400
+        swings = 2.0 * np.pi * np.arange(n) / n
+        u = sum(np.sin(line * swings + rng.uniform(0.0, 6.0)) for line in range(12, 56, 8))
+        left = np.sin(12 * swings) + 0.3 * rng.standard_normal(n)
+        assert tone(left, (u + 0.05 * rng.standard_normal(n))[:, None], 0.01) is None

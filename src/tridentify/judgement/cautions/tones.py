@@ -7,8 +7,8 @@ why a larger candidate ends at the stability limit (a pole without damping that 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,10 +99,10 @@ def tone(left: Array, u: Array, step: float) -> Tone | None:
     return Tone(float(frequency) / step, math.sqrt(2.0 * float(np.mean(sine**2))), share)
 
 
-def _above(lines: Array, peak: int) -> float:
-    """Energy of a line over the mean of those beside it, the main lobe of the window left out."""
+def _above(lines: Array, peak: int, usual: Callable[[Array], Any] = np.mean) -> float:
+    """Energy of a line over that of those beside it, the main lobe of the window left out."""
     beside = np.r_[lines[max(peak - BESIDE, 0) : max(peak - 2, 0)], lines[peak + 3 :][: BESIDE - 2]]
-    around = float(np.mean(beside)) if beside.size else 0.0
+    around = float(usual(beside)) if beside.size else 0.0
     return float(lines[peak]) / around if around > 0.0 else 0.0
 
 
@@ -110,7 +110,8 @@ def _has_lines(u: Array, window: Array) -> bool:
     """Whether an input is periodic, or close to it."""
     lines = np.abs(np.fft.rfft((u - u.mean()) * window)) ** 2
     highest = np.argsort(lines[PERIODS:])[-3:] + PERIODS
-    return any(_above(lines, int(line)) > OWN_LINES for line in highest)
+    # other lines of it may be among those beside one
+    return any(_above(lines, int(line), np.median) > OWN_LINES for line in highest)
 
 
 def _sine(e: Array, seen: NDArray[np.bool_], k: Array, frequency: float) -> tuple[Array, float]:
