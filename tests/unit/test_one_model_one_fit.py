@@ -86,7 +86,8 @@ def test_feedback_is_found_though_a_drift_explains_more(seed):
     assert abs(estimate.parameters["b0"].value / GAIN - 1.0) < 0.5
 
 
-@pytest.mark.parametrize("seed", [108, *(pytest.param(k, marks=pytest.mark.slow) for k in (7, 14))])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [108, 7, 14])
 def test_samples_that_only_a_bent_fit_calls_bad_hide_no_feedback(seed):
     estimate = estimated(seed, "auto")
     assert estimate.route == "direct"
