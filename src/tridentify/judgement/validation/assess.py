@@ -33,7 +33,9 @@ from tridentify.judgement.validation.evidence import (
     Evidence,
     suspicious,
 )
+from tridentify.judgement.validation.known_causes import KnownCauses
 from tridentify.judgement.validation.likelihood_ratio import CALLED
+from tridentify.judgement.validation.phrases import decapitalised
 from tridentify.judgement.validation.remembered import kept_look, remember, remembered
 from tridentify.judgement.validation.residuals import View, look
 from tridentify.judgement.validation.result import (
@@ -46,13 +48,7 @@ from tridentify.judgement.validation.result import (
 )
 from tridentify.judgement.validation.transfer import carried_over
 from tridentify.judgement.validation.tried import may_react, starts_wild, torn_at, try_causes
-from tridentify.judgement.validation.verdict import (
-    KnownCauses,
-    decapitalised,
-    family,
-    findings,
-    in_words,
-)
+from tridentify.judgement.validation.verdict import family, findings, in_words
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.lagrange import holm
 from tridentify.numerics.threads import one_blas_thread

@@ -1,0 +1,82 @@
+"""What is known of causes when test results are put into words."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.judgement.causes.explanation import Explanation, Explanations
+from tridentify.judgement.validation.evidence import Evidence
+from tridentify.judgement.validation.explained import (
+    follows_no_better,
+    told_alone,
+)
+from tridentify.judgement.validation.likelihood_ratio import CALLED
+
+
+class KnownCauses(NamedTuple):
+    """What is known of causes when test results are put into words.
+
+    Attributes
+    ----------
+    estimate : Estimate
+    explained : Explanations or None
+        The causes that were fitted; None where nothing called for it.
+    again : list of Evidence or None
+        Per output, what is found beside the cause that is named; None where that was not looked
+        at.
+    without_bad : str
+        How far the coefficients move without samples that stand alone; empty where that was not
+        tried.
+    """
+
+    estimate: Estimate
+    explained: Explanations | None
+    again: list[Evidence | None]
+    without_bad: str
+
+    @property
+    def named(self) -> Explanation | None:
+        """The cause that explains most."""
+        return None if self.explained is None else self.explained.named
+
+    @property
+    def robust(self) -> bool:
+        """Whether the estimate has a robust loss, which goes with no noise model."""
+        return self.estimate.loss != "squared"
+
+    @property
+    def no_better(self) -> bool:
+        """Whether that cause is a larger model which follows the record no better."""
+        if self.named is None or self.explained is None:
+            return False
+        return follows_no_better(self.named, self.explained.present)
+
+    def keeps_colour(self, output: int, seen: Evidence) -> bool:
+        """Whether white weights are as wrong beside a drift that is estimated along as before.
+
+        What was seen of an output was seen beside slow waves too.
+        """
+        if self.named is None or self.named.rival.code != "drift":
+            return False
+        white = not (self.robust or self.estimate.noise_model[output].size)
+        return white and (self.again[output] or seen).plainly_white < CALLED
+
+    @property
+    def torn(self) -> str:
+        """Where rows were lost, if that is the cause; empty where it is another one."""
+        if self.named is None or self.named.rival.code != "lost-rows":
+            return ""
+        times = self.named.rival.times
+        at = ", ".join(f"{t:.4g}" for t in times)
+        return f"what follows {at} s does not come from what was before"
+
+    @property
+    def alone(self) -> Explanation | None:
+        """That cause where it explains so much that no test of the residual has to reject.
+
+        Likelihoods of samples of which some are bad say nothing by themselves.
+        """
+        if self.named is None or self.without_bad or not told_alone(self.named):
+            return None
+        return self.named

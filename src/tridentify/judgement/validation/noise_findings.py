@@ -1,0 +1,160 @@
+"""What is to be said of the noise: samples that stand alone, colour, size, another record."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tridentify.estimation.answer.finding import Finding
+from tridentify.judgement.validation.evidence import Evidence
+from tridentify.judgement.validation.known_causes import KnownCauses
+from tridentify.judgement.validation.phrases import (
+    one_finding,
+    seconds,
+    when,
+)
+from tridentify.judgement.validation.residuals import View
+from tridentify.judgement.validation.result import Transfer
+
+ROBUST = "use a robust loss (loss='huber' or 'student'; --loss), or mark them as missing"
+WEIGHED = "mark them as missing where they are wrong; the robust loss gives them little weight"
+"""What to do about bad samples under the squared loss, and under one that does so already."""
+
+
+def about_noise(
+    view: View,
+    one: Evidence,
+    name: str,
+    rejected: dict[tuple[str, str], float],
+    beside: KnownCauses,
+) -> list[Finding]:
+    """Samples that stand alone, a distribution that is not Gaussian, noise of changing size."""
+    found = []
+    if len(one.normality.outliers) and not np.isnan(one.scale):
+        rows = one.normality.outliers
+        far = rows[np.argsort(-np.abs(rows[:, 2]))]
+        at = when(far[:3], len(view.records))
+        many = f"{len(rows)} samples lie" if len(rows) > 1 else "a sample lies"
+        which = "at" if len(rows) <= 3 else "the farthest at"
+        first = int(rows[0, 0])
+        found.append(
+            one_finding(
+                "bad-samples",
+                name,
+                f"{many} up to {np.abs(far[0, 2]):.0f} standard deviations from the model of "
+                f"{name} ({which} {at})",
+                WEIGHED if beside.robust else ROBUST,
+                times=np.sort(rows[:, 1]).tolist(),
+                effect=beside.without_bad.rstrip("."),
+                experiment=first if len(view.records) > 1 and np.all(rows[:, 0] == first) else None,
+            )
+        )
+    elif ("Gaussian", name) in rejected:
+        found.append(
+            one_finding(
+                "distribution",
+                name,
+                f"the residual of {name} is not Gaussian (skewness {one.normality.skewness:.2f}, "
+                f"excess kurtosis {one.normality.kurtosis:.2f}); the numbers do not rest on that",
+                ""
+                if beside.robust
+                else "nothing, unless the tails are heavy: then loss='student' is more accurate",
+                "note",
+            )
+        )
+    if ("scale", name) in rejected:
+        ratio = float(np.nanmax(one.scales) / max(float(np.nanmin(one.scales)), 1e-300))
+        found.append(
+            one_finding(
+                "noise-changes",
+                name,
+                f"the noise of {name} changes its size over the record, by a factor of "
+                f"{ratio:.1f}: the standard errors are not right",
+                "cut the record, or take standard errors from parts of it",
+            )
+        )
+    return found
+
+
+def carried_findings(
+    view: View, transfer: Transfer, rejected: dict[tuple[str, str], float]
+) -> list[Finding]:
+    """What another record says of coefficients and noise of an estimate."""
+    found = []
+    if ("same coefficients", "all") in rejected:
+        found.append(
+            one_finding(
+                "another-system",
+                "all",
+                "the coefficients of this record differ from the estimate by more than its "
+                "standard errors",
+                "identify both records together if they are one system, else each on its own",
+            )
+        )
+    for i, output in enumerate(view.outputs):
+        if ("size of the noise", output.name) in rejected:
+            more = transfer.size_ratio[i] > 1
+            why, advice = (
+                f"this record is {'noisier' if more else 'quieter'}",
+                "nothing for the model; weight the records by their noise if they are joined",
+            )
+            spoilt = [("past inputs", output.name), ("level", output.name)]
+            if any(key in rejected for key in [*spoilt, ("same coefficients", "all")]):
+                why, advice = (
+                    "what the model misses is in it, and it does not tell the noise of this record",
+                    "mend what is missing first, and validate again",
+                )
+            found.append(
+                one_finding(
+                    "noise-size",
+                    output.name,
+                    f"the residual of {output.name} is {transfer.size_ratio[i]:.2f} times as "
+                    f"large as the estimate leads to expect: {why}",
+                    advice,
+                    "note",
+                )
+            )
+    return found
+
+
+def not_white(view: View, one: Evidence, name: str, beside: KnownCauses) -> Finding:
+    """A residual that is correlated with itself, and whether the errors that are stated know it."""
+    modelled = _has_noise(view, name)
+    noise = "the noise model does not fit" if modelled else "the noise is not white"
+    seen = f"the residual of {name} is correlated with itself at {_reach(view, one)}: {noise}"
+    if view.own and beside.estimate.errors == "scores":
+        allows = (
+            f"{seen}; the standard errors are from the scatter of the scores, which allows for it"
+        )
+        if modelled or beside.robust or view.uneven:
+            do = "look for what shakes the output, if smaller standard errors are wanted"
+            return one_finding("noise-model", name, allows, do, "note")
+        do = "use noise='ar' (--noise ar), which estimates the noise along, for smaller ones"
+        return one_finding("noise-model", name, allows, do)
+    if modelled or beside.robust:
+        do = "take the standard errors for too small"
+    elif view.uneven:
+        do = "take the standard errors for too small; a noise model needs uniform time: resample"
+    else:
+        do = "use noise='ar' (--noise ar), which estimates the noise along"
+    does_not = f"{seen}, and the standard errors do not allow for it"
+    return one_finding("noise-model", name, does_not, do)
+
+
+def _has_noise(view: View, name: str) -> bool:
+    return any(output.name == name and output.noise.size > 0 for output in view.outputs)
+
+
+def _reach_of(view: View, one: Evidence) -> tuple[float, float]:
+    found = one.autocorrelation
+    ratio = np.abs(found.value - found.mean) / np.where(found.std > 0, found.std, np.inf)
+    top = int(np.argmax(ratio))
+    low = high = top
+    while low > 0 and ratio[low - 1] > 2.58:
+        low -= 1
+    while high + 1 < ratio.size and ratio[high + 1] > 2.58:
+        high += 1
+    return (low + 1) * view.step, (high + 1) * view.step
+
+
+def _reach(view: View, one: Evidence) -> str:
+    return seconds(*_reach_of(view, one))
