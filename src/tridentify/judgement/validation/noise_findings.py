@@ -7,11 +7,7 @@ import numpy as np
 from tridentify.estimation.answer.finding import Finding
 from tridentify.judgement.validation.evidence import Evidence
 from tridentify.judgement.validation.known_causes import KnownCauses
-from tridentify.judgement.validation.phrases import (
-    one_finding,
-    seconds,
-    when,
-)
+from tridentify.judgement.validation.phrases import one_finding, seconds, when
 from tridentify.judgement.validation.residuals import View
 from tridentify.judgement.validation.result import Transfer
 

@@ -1,0 +1,141 @@
+"""What the input does between its samples, settled for all candidates before they are compared."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tridentify.errors import TridentifyError
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.methods.base import Method, Progress
+from tridentify.judgement.causes.intersample import IN_WORDS, behaviours, is_staircase
+from tridentify.judgement.choice import with_behaviour
+from tridentify.judgement.selection.finish_candidates import CandidateTask, run_task
+from tridentify.judgement.selection.orders import order_label
+from tridentify.judgement.selection.table import SelectionTable, table_of
+from tridentify.record.checks.samples import Behaviour
+from tridentify.record.record import Record
+from tridentify.structure import Structure
+
+
+@dataclass(frozen=True, eq=False)
+class SettledRecords:
+    """The records with one behaviour of the input for all candidates.
+
+    ``identified`` holds the candidate that was asked, with its estimate: one search less later.
+    """
+
+    records: tuple[Record, ...]
+    unseen: tuple[Record, ...]
+    told: tuple[str, ...] = ()
+    identified: tuple[Structure, Estimate] | None = None
+
+
+def settle(
+    records: tuple[Record, ...],
+    unseen: tuple[Record, ...],
+    structures: Sequence[Structure],
+    method: Method,
+    say: Progress,
+) -> SettledRecords:
+    """What the input does between its samples, where that was left open."""
+    if all(record.intersample != "auto" for record in (*records, *unseen)):
+        return SettledRecords(records, unseen)
+    middle = _middle(structures)
+    say(f"what the input does between its samples, by a model of {order_label(middle)}")
+    identified = None
+    try:
+        estimate, seen, _, _ = with_behaviour(method, list(records), middle, None)
+        identified = middle, estimate
+    except (TridentifyError, np.linalg.LinAlgError, ValueError):
+        seen = [record.settled(record.behaviour) for record in records]
+    others = tuple(one.settled(seen[0].behaviour) for one in unseen)
+    return SettledRecords(tuple(seen), others, (_told(seen[0], middle),), identified)
+
+
+def _told(record: Record, by: Structure) -> str:
+    return (
+        f"input taken as {IN_WORDS[record.behaviour]} for all candidates, as {order_label(by)} "
+        "says: state intersample where you know it"
+    )
+
+
+def resettled(
+    records: tuple[Record, ...],
+    unseen: tuple[Record, ...],
+    settled: SettledRecords,
+    table: SelectionTable,
+    method: Method,
+) -> SettledRecords | None:
+    """Another behaviour, where the likeliest candidate finds one clearly better.
+
+    The candidate in the middle may explain little of the record (two resonances, three poles): what
+    it says of the time between the samples is then worth little. The likeliest is heard when it is
+    known, before the whole searches, and plainer ones where the input may have been held.
+    """
+    place = table.best("bic") if settled.told else None
+    estimate = None if place is None else table.entries[place].estimate
+    if place is None or estimate is None:
+        return None
+    found = behaviours(estimate, settled.records)
+    if found is not None and found.advised != found.present:
+        return _changed(records, unseen, found.advised, table.entries[place].structure)
+    return None if is_staircase(records) else _plainer(records, unseen, settled, table, method)
+
+
+def _changed(
+    records: tuple[Record, ...], unseen: tuple[Record, ...], to: Behaviour, by: Structure
+) -> SettledRecords:
+    seen = tuple(record.settled(to) for record in records)
+    return SettledRecords(
+        seen, tuple(record.settled(to) for record in unseen), (_told(seen[0], by),)
+    )
+
+
+def _plainer(
+    records: tuple[Record, ...],
+    unseen: tuple[Record, ...],
+    settled: SettledRecords,
+    table: SelectionTable,
+    method: Method,
+) -> SettledRecords | None:
+    """Whether a plainer candidate with a held input explains more than the likeliest as it is.
+
+    An input that was held and is joined comes half a sample early, which further zeros and poles
+    make good: the likeliest candidate, which has them, is content with either.
+    """
+    place = table.best("bic")
+    if place is None or settled.records[0].behaviour == "zoh":
+        return None
+    best, rows = table.criteria[place], table.contenders()
+    least = math.inf if best is None else best.bic
+    held = tuple(record.settled("zoh") for record in records)
+    orders = next((tuple(a.size for a in one) for one in table.noise if one), ())
+    for n in (rows[place].n_poles, rows[place].n_poles - 1):
+        alike = [k for k, row in enumerate(rows) if row.n_poles == n]
+        few = min(alike, key=lambda k: rows[k].criteria.n_unknowns, default=place)
+        asked = table.entries[few].structure
+        if few == place or asked.constrained:
+            continue
+        entry = run_task(CandidateTask(held, asked, method, shared=False))
+        own = table_of([entry], held, orders).criteria[0]
+        if own is not None and own.bic < least:
+            return _changed(records, unseen, "zoh", asked)
+    return None
+
+
+def _middle(structures: Sequence[Structure]) -> Structure:
+    """The candidate in the middle by its poles, of those the one with most zeros."""
+
+    def sizes(one: Structure) -> tuple[int, int]:
+        return tuple(
+            v if isinstance(v, int) else max(k for row in v for k in row)
+            for v in (one.poles, one.zeros)
+        )  # type: ignore[return-value]
+
+    ordered = sorted(structures, key=sizes)
+    poles = sizes(ordered[(len(ordered) - 1) // 2])[0]
+    return max((one for one in ordered if sizes(one)[0] == poles), key=sizes)
