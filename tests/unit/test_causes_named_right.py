@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter, lsim
@@ -326,3 +328,44 @@ def test_noise_of_a_current_sensor_is_no_controller(seed, fixed):
     codes = [one.code for one in estimate.findings]
     assert "feedback" not in codes
     assert "loop-not-excited" not in codes
+
+
+def six_samples_late(seed):
+    """A second-order system with a zero whose input acts six samples later than it is recorded."""
+    rng = np.random.default_rng(seed)
+    w, z = rng.uniform(1.0, 8.0), rng.uniform(0.2, 0.6)
+    dt = 2.0 * np.pi / w / rng.uniform(25.0, 40.0)
+    model = TransferFunction([rng.uniform(0.4, 1.0) * w, w * w], [1.0, 2.0 * z * w, w * w])
+    u = np.repeat(rng.choice([-1.0, 1.0], 100), 6)
+    clean = simulate(model, Record(np.roll(u, 6) * (np.arange(600) >= 6), 0.0 * u, dt=dt))[:, 0]
+    return Record(u, clean + 0.05 * np.std(clean) * rng.standard_normal(600), dt=dt), 6 * dt
+
+
+@pytest.mark.parametrize(
+    "seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in range(2, 9))]
+)
+def test_a_delay_is_found_that_a_numerator_makes_up_for(seed):
+    record, delay = six_samples_late(seed)
+    found = first_of(record, Structure(2, 1))
+    assert found.code == "delay"
+    (said,) = re.findall(r"delay=([\d.e-]+);", found.remedy)
+    assert abs(float(said) - delay) < 0.1 * delay
+
+
+def with_a_fast_pole(seed):
+    """A resonance behind a lag of a third of its period, of which two poles see a delay."""
+    rng = np.random.default_rng(seed)
+    w, z = rng.uniform(1.0, 8.0), rng.uniform(0.2, 0.6)
+    dt = 2.0 * np.pi / w / 40.0
+    slow, fast = np.array([1.0, 2.0 * z * w, w * w]), np.array([1.0, 2.0 * w])
+    model = TransferFunction([2.0 * w**3], np.polymul(slow, fast))
+    u = np.repeat(rng.choice([-1.0, 1.0], 150), 8)
+    clean = simulate(model, Record(u, 0.0 * u, dt=dt))[:, 0]
+    return Record(u, clean + 0.1 * np.std(clean) * rng.standard_normal(u.size), dt=dt)
+
+
+@pytest.mark.parametrize(
+    "seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in range(2, 9))]
+)
+def test_a_missing_pole_is_no_delay(seed):
+    assert first_of(with_a_fast_pole(seed)).code == "order-low"

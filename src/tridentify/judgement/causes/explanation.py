@@ -137,10 +137,12 @@ class Explanations:
         code = min((one.rival.code for one in clear if one.gain >= enough), key=rank.index)
         if code in BENT and self._is_slow(code, clear):
             code = "drift"
-        if code == "nonlinear" and self._disagree(clear):
+        if code == "nonlinear" and _is_clearly_more(clear, "disagreeing-experiments", "nonlinear"):
             code = "disagreeing-experiments"
-        if code == "intersample" and self._is_late(clear):
+        if code == "intersample" and _is_clearly_more(clear, "delay", "intersample"):
             code = "delay"
+        if code == "delay" and _is_clearly_more(clear, "order-low", "delay"):
+            code = "order-low"
         own = [one for one in clear if one.rival.code == code]
         # a line is as plain as an offset: which of the two it is, the criterion says by itself
         lines = [one.gain for one in own if one.rival.refits] if code == "drift" else []
@@ -154,8 +156,8 @@ class Explanations:
     def _is_slow(self, code: str, clear: Sequence[Explanation]) -> bool:
         """Whether what is slow explains as much as a bend or a change of the coefficients.
 
-        An offset or a drift, to be estimated along; slow waves where they explain clearly more than
-        a bend.
+        An offset or a drift, to be estimated along; slow waves where a bend does not explain
+        clearly more.
         """
         bent = max(one.gain for one in clear if one.rival.code == code)
         drifts = [one for one in clear if one.rival.code == "drift"]
@@ -163,30 +165,7 @@ class Explanations:
         waves = max((one.gain for one in drifts if not one.rival.refits), default=-np.inf)
         # a change that goes on is not one between two halves, and waves follow it
         waves = waves if code == "nonlinear" else -np.inf
-        return bool(lines >= min(bent, AS_MUCH * clear[0].gain) or AS_MUCH * waves > bent)
-
-    def _disagree(self, clear: Sequence[Explanation]) -> bool:
-        """Whether coefficients of each experiment's own explain clearly more than any bend.
-
-        A system that bends is explained by its bend at all amplitudes; two systems in part only.
-        """
-        own, bent = (
-            max((one.gain for one in clear if one.rival.code == code), default=-np.inf)
-            for code in ("disagreeing-experiments", "nonlinear")
-        )
-        return bool(AS_MUCH * own > bent)
-
-    def _is_late(self, clear: Sequence[Explanation]) -> bool:
-        """Whether a delay explains clearly more than any behaviour between the samples.
-
-        A delay of half a sample makes up for most of what lines have over steps, and lines for half
-        a sample of a longer delay: the better of the two is the cause.
-        """
-        between, late = (
-            max((one.gain for one in clear if one.rival.code == code), default=-np.inf)
-            for code in ("intersample", "delay")
-        )
-        return bool(AS_MUCH * late > between and late > between + CLEARLY)
+        return bool(lines >= min(bent, AS_MUCH * clear[0].gain) or waves > bent - CLEARLY)
 
     def _is_worse(self, one: Explanation) -> bool:
         """Whether the simulated output of some channel is farther from the recorded one."""
@@ -222,3 +201,18 @@ class Explanations:
         return any(
             other.gain > ALONE * one.gain for other in self.found if other.rival.code != "lost-rows"
         )
+
+
+def _is_clearly_more(clear: Sequence[Explanation], code: str, other: str) -> bool:
+    """Whether one cause explains clearly more than another, which is asked about earlier.
+
+    What is the cause explains all there is, and its neighbour a part. A system that bends is
+    explained by its bend at all amplitudes, two systems in part only. A delay of half a sample
+    makes up for most of what lines have over steps, and lines for half a sample of a longer delay.
+    A late input is explained by its delay, a missing fast pole in part only.
+    """
+    own, less = (
+        max((one.gain for one in clear if one.rival.code == each), default=-np.inf)
+        for each in (code, other)
+    )
+    return bool(AS_MUCH * own > less and own > less + CLEARLY)
