@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 def load_compiled(activity: Activity) -> None:
     """Load the compiled functions; the first time on a machine they are compiled."""
-    from tridentify.estimation.machine_code import load_kernels
+    from tridentify.estimation.machine_code import load_first
 
     said = "loading compiled functions (compiled once per machine, which takes some ten seconds)"
     with activity.brief_stage(said):
-        load_kernels()
+        load_first()
 
 
 def estimate_model(

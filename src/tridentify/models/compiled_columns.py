@@ -17,6 +17,15 @@ def leads_to(group: Indices, output: int, g: int) -> bool:
     return found
 
 
+@compiled("int64(int64[::1])", inner=True)
+def largest(numbers: Indices) -> int:
+    """The largest of some numbers that are not negative."""
+    found = 0
+    for k in range(numbers.size):
+        found = numbers[k] if numbers[k] > found else found
+    return found
+
+
 @compiled(
     "void(float64[:,::1], int64, float64[:,:], float64, float64[:,:], int64, int64)", inner=True
 )

@@ -7,17 +7,20 @@ therefore imported where it is needed, not with the package.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
+from llvmlite import binding
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
 KERNELS = (
     "numerics/recursive.py",
+    "numerics/incomplete_kernels.py",
     "numerics/kernels/*.py",
     "online/kernels/*.py",
     "models/compiled_*.py",
@@ -85,9 +88,32 @@ def compiled(
             found = numba.njit(**options)(function)
         found.compile(signature)
         found.disable_compile()
+        if not inline:
+            with contextlib.suppress(AttributeError):  # another numba
+                for made in found.overloads.values():
+                    _call_by_address(made.library, made.fndesc)
         return cast(Function, found)
 
     return wrap
+
+
+def _call_by_address(library: Any, descriptor: Any) -> None:
+    """Let callers call machine code where it stands, instead of compiling it again within them.
+
+    numba links the code of a function into that of each caller, and optimises it there once more.
+    Here they get a call of its address under a name that is the same in every process: what is kept
+    on disk may come from several.
+    """
+    own, name = descriptor.llvm_func_name, f"{descriptor.modname}.{descriptor.qualname}"
+    given = str(library._get_module_for_linking().get_function(own).global_value_type)
+    kinds = given.removeprefix("i32 (").removesuffix(")")
+    taken = ", ".join(f"{kind} %a{place}" for place, kind in enumerate(kinds.split(", ")))
+    binding.add_symbol(name, library.get_pointer_to_function(own))
+    library._shared_module = binding.parse_assembly(
+        f'declare i32 @"{name}"({kinds}) nounwind\n'
+        f'define linkonce_odr i32 @"{own}"({taken}) alwaysinline nounwind {{\n'
+        f'%r = tail call i32 @"{name}"({taken})\nret i32 %r\n}}'
+    )
 
 
 @cache
