@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -43,12 +43,13 @@ def compiled(
     any_order: bool = False,
     inner: bool = False,
     value: bool = False,
+    linked: bool = False,
 ) -> Callable[[Function], Function]:
     """Decorator: machine code for a signature, kept on disk where that is possible.
 
-    The code of a function contains that of the functions it calls, and what is kept would survive
-    a change of theirs if these stand in another file. So it is stamped with the sources of all
-    kernels.
+    The code of a function is made for that of the functions it calls, and what is kept would
+    survive a change of theirs if these stand in another file. So it is stamped with the sources of
+    all kernels.
 
     Parameters
     ----------
@@ -68,6 +69,9 @@ def compiled(
         Whether other machine code alone calls it: what Python would call it by is not made then.
     value : bool
         Whether it is handed on to other machine code as a value, which calls it as C would.
+    linked : bool
+        Whether its code is compiled again with that of each caller, as suits what is small or runs
+        once a sample.
     """
     # a test for a division by zero keeps a loop from being vectorised
     options: dict[str, Any] = {
@@ -88,8 +92,8 @@ def compiled(
             found = numba.njit(**options)(function)
         found.compile(signature)
         found.disable_compile()
-        if not inline:
-            with contextlib.suppress(AttributeError):  # another numba
+        if not inline and not linked:
+            with contextlib.suppress(AttributeError, NameError, RuntimeError):  # another numba
                 for made in found.overloads.values():
                     _call_by_address(made.library, made.fndesc)
         return cast(Function, found)
@@ -114,6 +118,9 @@ def _call_by_address(library: Any, descriptor: Any) -> None:
         f'define linkonce_odr i32 @"{own}"({taken}) alwaysinline nounwind {{\n'
         f'%r = tail call i32 @"{name}"({taken})\nret i32 %r\n}}'
     )
+
+
+linked = partial(compiled, linked=True)
 
 
 @cache

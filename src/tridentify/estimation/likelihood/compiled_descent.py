@@ -123,7 +123,7 @@ def inner_cascades(poles: Complex, orders: Indices, firsts: Indices) -> tuple[Ar
     return a, b
 
 
-@compiled("boolean(complex128[::1], float64[::1])", inner=True)
+@compiled("boolean(complex128[::1], float64[::1])", inner=True, linked=True)
 def is_slow(poles: Complex, limits: Array) -> bool:
     """Whether a pole is near a slow limit, as `Point._decomposition` asks."""
     near = False
@@ -234,7 +234,7 @@ def step_back(
     return bool(np.isfinite(total))
 
 
-@compiled("float64(float64, float64, float64)", inner=True)
+@compiled("float64(float64, float64, float64)", inner=True, linked=True)
 def fall(share: float, total: float, samples: float) -> float:
     """Of the objective, where the residual's square falls by ``share``."""
     fraction = share / (total * total) if total > 0.0 else 0.0
@@ -242,7 +242,7 @@ def fall(share: float, total: float, samples: float) -> float:
     return -samples * lower
 
 
-@compiled("float64(float64[::1], float64[::1], float64, float64, float64)", inner=True)
+@compiled("float64(float64[::1], float64[::1], float64, float64, float64)", inner=True, linked=True)
 def promised(s: Array, projection: Array, total: float, damping: float, samples: float) -> float:
     """The fall of minus two log likelihood that a step promises."""
     share, least = 0.0, NEGLIGIBLE * s[0]
@@ -337,7 +337,7 @@ def cost_there(
     return (costs, *found), objective, conditions.max(), theta
 
 
-@compiled("float64[::1](float64[:,::1], float64[::1])", inner=True)
+@compiled("float64[::1](float64[:,::1], float64[::1])", inner=True, linked=True)
 def combined(matrix: Array, weights: Array) -> Array:
     """The product."""
     found = np.zeros(matrix.shape[0])
@@ -347,7 +347,7 @@ def combined(matrix: Array, weights: Array) -> Array:
     return found
 
 
-@compiled("float64(float64[::1], float64[::1])", inner=True)
+@compiled("float64(float64[::1], float64[::1])", inner=True, linked=True)
 def dot(one: Array, other: Array) -> float:
     """Inner product."""
     total = 0.0
@@ -356,7 +356,7 @@ def dot(one: Array, other: Array) -> float:
     return total
 
 
-@compiled("float64(float64[::1], float64[::1], float64)", inner=True)
+@compiled("float64(float64[::1], float64[::1], float64)", inner=True, linked=True)
 def slope_left(s: Array, projection: Array, total: float) -> float:
     """The residual's share along the scores, as `Point.gradient`."""
     square = 0.0

@@ -23,7 +23,7 @@ LARGER = 1024.0
 """As in `numerics.discretize`."""
 
 
-@compiled("void(float64[:,::1], float64[:,::1], float64[:,::1])", inner=True)
+@compiled("void(float64[:,::1], float64[:,::1], float64[:,::1])", inner=True, linked=True)
 def multiply(a: Array, b: Array, out: Array) -> None:
     """``out = a b`` of lower triangular matrices with pairs."""
     n = a.shape[0]
