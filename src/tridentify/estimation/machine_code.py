@@ -17,6 +17,7 @@ from functools import cache
 from types import ModuleType
 
 FIRST_BESIDE = (
+    "tridentify.estimation.likelihood.compiled_scatter",
     "tridentify.models.compiled_regression",
     "tridentify.numerics.kernels.added_columns",
 )
@@ -64,11 +65,12 @@ def load_first(
         from tridentify.models import compiled_columns, compiled_steps
 
         say("cost")
-        from tridentify.estimation.likelihood import compiled_cost, compiled_scatter
+        from tridentify.estimation.likelihood import compiled_cost
 
         if and_all:
             from tridentify.numerics import incomplete_kernels  # noqa: F401
         say("banks")
+    from tridentify.estimation.likelihood import compiled_scatter
     from tridentify.models import compiled_regression
     from tridentify.numerics.kernels import added_columns, cascades, exponentials, triangles
 
