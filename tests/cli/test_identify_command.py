@@ -410,7 +410,7 @@ def test_progress_goes_to_stderr_and_names_a_long_compilation(
     run, noisy, question, monkeypatch, patience, named
 ):
     monkeypatch.setattr(terminal, "SILENCE", patience)
-    monkeypatch.setattr(machine_code, "load_kernels", lambda: time.sleep(0.2))
+    monkeypatch.setattr(machine_code, "load_first", lambda: time.sleep(0.2))
     outcome = run("identify", noisy, *question)
     assert "reading noisy.csv" in outcome.err
     assert ("compiled once per machine" in outcome.err) == named

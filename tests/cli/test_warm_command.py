@@ -49,7 +49,7 @@ import json
 from tridentify.estimation import machine_code
 begun = []
 start = machine_code._started
-machine_code._started = lambda: begun.append(start()) or begun[-1]
+machine_code._started = lambda modules: begun.append(start(modules)) or begun[-1]
 machine_code.load_kernels()
 from tridentify.models import compiled_regression, compiled_steps
 count = lambda m: [sum(f.stats.cache_misses.values()) for f in vars(m).values()

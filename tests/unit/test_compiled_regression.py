@@ -9,6 +9,7 @@ import scipy.linalg
 from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.search.banks import Banks
 from tridentify.models.columns import Layout
+from tridentify.models.compiled_regression import cascades
 from tridentify.models.experiment import Experiment
 from tridentify.models.regression import regress, response_of
 from tridentify.numerics.discretize import discretize
@@ -157,3 +158,9 @@ def _added(regressions, output, order, total, samples):
     matrix, target = np.vstack(parts), np.concatenate(targets)
     rest = target - matrix @ np.linalg.lstsq(matrix, target, rcond=None)[0]
     return total + count * np.log(rest @ rest / count), samples + count
+
+
+def test_an_error_in_machine_code_that_other_machine_code_calls_arrives():
+    """Functions are called by address, across files; what they raise is handed through."""
+    with pytest.raises(ValueError, match="negative real parts"):
+        cascades(np.array([[1.0 + 0.0j]]))

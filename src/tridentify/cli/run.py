@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 
 
 def load_compiled(activity: Activity) -> None:
-    """Load the compiled functions; the first time on a machine they are compiled."""
-    from tridentify.estimation.machine_code import load_kernels
+    """Load the functions that every fit needs; the first time on a machine they are compiled."""
+    from tridentify.estimation.machine_code import load_first
 
-    said = "loading compiled functions (compiled once per machine, which takes some ten seconds)"
+    said = "loading compiled functions (compiled once per machine: 15 to 30 s)"
     with activity.brief_stage(said):
-        load_kernels()
+        load_first()
 
 
 def estimate_model(

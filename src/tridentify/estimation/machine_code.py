@@ -12,29 +12,81 @@ import contextlib
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from types import ModuleType
 
-BESIDE = (
+FIRST_BESIDE = (
+    "tridentify.estimation.likelihood.compiled_scatter",
     "tridentify.models.compiled_regression",
+    "tridentify.numerics.kernels.added_columns",
+)
+"""What the other process compiles of `load_first`: half of it, and of no use to the rest."""
+BESIDE = (
+    *FIRST_BESIDE,
     "tridentify.models.compiled_whitening",
     "tridentify.estimation.posterior.compiled_triangles",
-    "tridentify.numerics.kernels.added_columns",
     "tridentify.numerics.kernels.crossing",
     "tridentify.numerics.kernels.long_recursions",
 )
-"""What the other process compiles: as much as is left, and of no use to that."""
+"""The same of all."""
 
 
 @cache
 def ready() -> None:
-    """`load_kernels`, once."""
-    load_kernels()
+    """`load_first`, once."""
+    load_first()
 
 
-def load_kernels(say: Callable[[str], None] | None = None) -> tuple[ModuleType, ...]:
+def load_first(
+    say: Callable[[str], None] = lambda what: None, *, and_all: bool = False
+) -> tuple[ModuleType, ...]:
+    """Compile and load what every fit of uniform samples needs.
+
+    Parameters
+    ----------
+    say : callable, optional
+        Is told what comes next.
+    and_all : bool
+        Whether the other process goes on with what `load_kernels` needs besides.
+
+    Returns
+    -------
+    tuple of modules
+        Whose functions were compiled when they were imported.
+    """
+    say("filters")
+    from tridentify.numerics.kernels import recursions
+
+    with _beside(BESIDE if and_all else FIRST_BESIDE, _is_new(recursions)):
+        from tridentify.numerics.kernels import polynomials, small_least_squares
+
+        say("models")
+        from tridentify.models import compiled_columns, compiled_steps
+
+        say("cost")
+        from tridentify.estimation.likelihood import compiled_cost
+
+        if and_all:
+            from tridentify.numerics import incomplete_kernels  # noqa: F401
+        say("banks")
+    from tridentify.estimation.likelihood import compiled_scatter
+    from tridentify.models import compiled_regression
+    from tridentify.numerics.kernels import added_columns, cascades, exponentials, triangles
+
+    say("starts")
+    from tridentify.estimation.search import compiled_starts
+
+    numerics = recursions, polynomials, small_least_squares, cascades, exponentials, triangles
+    models = added_columns, compiled_columns, compiled_steps, compiled_regression
+    return *numerics, *models, compiled_cost, compiled_scatter, compiled_starts
+
+
+def load_kernels(say: Callable[[str], None] = lambda what: None) -> tuple[ModuleType, ...]:
     """Compile what has not been compiled on this machine yet, and load it.
+
+    That is `load_first` and what only some fits need: coloured noise, missing samples, many steps,
+    uneven time, a posterior.
 
     Parameters
     ----------
@@ -46,54 +98,19 @@ def load_kernels(say: Callable[[str], None] | None = None) -> tuple[ModuleType, 
     tuple of modules
         Whose functions were compiled when they were imported.
     """
-    tell = say or (lambda what: None)
-    tell("filters")
-    from tridentify.numerics.kernels import recursions
+    first = load_first(say, and_all=True)
+    from tridentify.models import compiled_whitening
+    from tridentify.numerics import incomplete_kernels
+    from tridentify.numerics.kernels import crossing, driven, long_recursions, whitening
 
-    with _beside(_is_new(recursions)):
-        from tridentify.numerics import incomplete_kernels
-        from tridentify.numerics.kernels import driven, polynomials, small_least_squares
-
-        tell("models")
-        from tridentify.models import compiled_columns, compiled_steps
-
-        tell("cost")
-        from tridentify.estimation.likelihood import compiled_cost, compiled_scatter
-
-        tell("banks")
-    from tridentify.models import compiled_regression, compiled_whitening
-    from tridentify.numerics.kernels import (
-        added_columns,
-        cascades,
-        crossing,
-        exponentials,
-        long_recursions,
-        triangles,
-        whitening,
-    )
-
-    tell("steps")
-    from tridentify.estimation.likelihood import compiled_descent
-
-    tell("starts")
-    from tridentify.estimation.search import compiled_starts
-
-    tell("posterior")
+    say("posterior")
     from tridentify.estimation.posterior import compiled_triangles
 
-    numerics = (
-        added_columns,
-        crossing,
-        driven,
-        recursions,
-        long_recursions,
-        incomplete_kernels,
-        small_least_squares,
-    )
-    banks = cascades, exponentials, triangles, whitening, polynomials
-    models = compiled_columns, compiled_regression, compiled_steps, compiled_whitening
-    likelihood = compiled_cost, compiled_scatter, compiled_descent
-    return *numerics, *banks, *models, *likelihood, compiled_starts, compiled_triangles
+    say("steps")
+    from tridentify.estimation.likelihood import compiled_descent
+
+    numerics = incomplete_kernels, crossing, driven, long_recursions, whitening
+    return *first, *numerics, compiled_whitening, compiled_triangles, compiled_descent
 
 
 def _is_new(module: ModuleType) -> bool:
@@ -103,9 +120,9 @@ def _is_new(module: ModuleType) -> bool:
 
 
 @contextlib.contextmanager
-def _beside(needed: bool) -> Iterator[None]:
-    """Another process compiles `BESIDE`, and is waited for. Where it cannot, nothing is lost."""
-    process = _started() if needed and _processors() > 1 else None
+def _beside(modules: Sequence[str], needed: bool) -> Iterator[None]:
+    """Another process compiles modules, and is waited for. Where it cannot, nothing is lost."""
+    process = _started(modules) if needed and _processors() > 1 else None
     try:
         yield
         if process is not None:
@@ -115,12 +132,12 @@ def _beside(needed: bool) -> Iterator[None]:
             process.kill()
 
 
-def _started() -> subprocess.Popen[bytes] | None:
+def _started(modules: Sequence[str]) -> subprocess.Popen[bytes] | None:
     if getattr(sys, "frozen", False) or not sys.executable:
         return None
     quiet = subprocess.DEVNULL
     with contextlib.suppress(OSError):
-        command = [sys.executable, "-c", f"import {', '.join(BESIDE)}"]
+        command = [sys.executable, "-c", f"import {', '.join(modules)}"]
         return subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet)
     return None
 

@@ -8,7 +8,7 @@ from tridentify.numerics.arrays import Array, Indices
 from tridentify.numerics.compiled import compiled
 
 
-@compiled("boolean(int64[:,::1], int64, int64)", inner=True)
+@compiled("boolean(int64[:,::1], int64, int64)", inner=True, linked=True)
 def leads_to(group: Indices, output: int, g: int) -> bool:
     """Whether any channel of a denominator leads to an output; ``group`` (n_outputs, n_inputs)."""
     found = False
@@ -17,8 +17,19 @@ def leads_to(group: Indices, output: int, g: int) -> bool:
     return found
 
 
+@compiled("int64(int64[::1])", inner=True)
+def largest(numbers: Indices) -> int:
+    """The largest of some numbers that are not negative."""
+    found = 0
+    for k in range(numbers.size):
+        found = numbers[k] if numbers[k] > found else found
+    return found
+
+
 @compiled(
-    "void(float64[:,::1], int64, float64[:,:], float64, float64[:,:], int64, int64)", inner=True
+    "void(float64[:,::1], int64, float64[:,:], float64, float64[:,:], int64, int64)",
+    inner=True,
+    linked=True,
 )
 def add_combined(
     s: Array, column: int, rows: Array, sign: float, out: Array, top: int, first: int
@@ -46,7 +57,7 @@ def add_combined(
             out[top + r, first + c] += sign * value
 
 
-@compiled("void(float64[:], float64[:,:,:], float64[:,:])", inner=True)
+@compiled("void(float64[:], float64[:,:,:], float64[:,:])", inner=True, linked=True)
 def through(weights: Array, map_: Array, found: Array) -> None:
     """States of a filter driven by a combination of a bank's states.
 

@@ -159,7 +159,9 @@ def fill_states(
     q, n, length = b.size, columns.shape[1], 0
     step, whole_now, whole_after = discrete(a, b, dt, ramps)
     at = q if free else 0
-    columns[: at + q * w.shape[0]] = 0.0
+    for i in range(at + q * w.shape[0]):
+        for k in range(n):
+            columns[i, k] = 0.0
     if free:
         length = die_away(step, b, start, columns[:q])
     for j in range(w.shape[0]):

@@ -7,17 +7,20 @@ therefore imported where it is needed, not with the package.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
+from llvmlite import binding
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
 KERNELS = (
     "numerics/recursive.py",
+    "numerics/incomplete_kernels.py",
     "numerics/kernels/*.py",
     "online/kernels/*.py",
     "models/compiled_*.py",
@@ -40,12 +43,13 @@ def compiled(
     any_order: bool = False,
     inner: bool = False,
     value: bool = False,
+    linked: bool = False,
 ) -> Callable[[Function], Function]:
     """Decorator: machine code for a signature, kept on disk where that is possible.
 
-    The code of a function contains that of the functions it calls, and what is kept would survive
-    a change of theirs if these stand in another file. So it is stamped with the sources of all
-    kernels.
+    The code of a function is made for that of the functions it calls, and what is kept would
+    survive a change of theirs if these stand in another file. So it is stamped with the sources of
+    all kernels.
 
     Parameters
     ----------
@@ -65,6 +69,9 @@ def compiled(
         Whether other machine code alone calls it: what Python would call it by is not made then.
     value : bool
         Whether it is handed on to other machine code as a value, which calls it as C would.
+    linked : bool
+        Whether its code is compiled again with that of each caller, as suits what is small or runs
+        once a sample.
     """
     # a test for a division by zero keeps a loop from being vectorised
     options: dict[str, Any] = {
@@ -85,9 +92,35 @@ def compiled(
             found = numba.njit(**options)(function)
         found.compile(signature)
         found.disable_compile()
+        if not inline and not linked:
+            with contextlib.suppress(AttributeError, NameError, RuntimeError):  # another numba
+                for made in found.overloads.values():
+                    _call_by_address(made.library, made.fndesc)
         return cast(Function, found)
 
     return wrap
+
+
+def _call_by_address(library: Any, descriptor: Any) -> None:
+    """Let callers call machine code where it stands, instead of compiling it again within them.
+
+    numba links the code of a function into that of each caller, and optimises it there once more.
+    Here they get a call of its address under a name that is the same in every process: what is kept
+    on disk may come from several.
+    """
+    own, name = descriptor.llvm_func_name, f"{descriptor.modname}.{descriptor.qualname}"
+    given = str(library._get_module_for_linking().get_function(own).global_value_type)
+    kinds = given.removeprefix("i32 (").removesuffix(")")
+    taken = ", ".join(f"{kind} %a{place}" for place, kind in enumerate(kinds.split(", ")))
+    binding.add_symbol(name, library.get_pointer_to_function(own))
+    library._shared_module = binding.parse_assembly(
+        f'declare i32 @"{name}"({kinds}) nounwind\n'
+        f'define linkonce_odr i32 @"{own}"({taken}) alwaysinline nounwind {{\n'
+        f'%r = tail call i32 @"{name}"({taken})\nret i32 %r\n}}'
+    )
+
+
+linked = partial(compiled, linked=True)
 
 
 @cache

@@ -1,45 +1,22 @@
-"""The loops of `numerics.incomplete` as machine code.
-
-Importing this module loads numba, so that it is imported where it is first needed. All stands in
-one file: what is kept on disk is made anew when the file changes, and holds the code of the
-functions that it calls.
-"""
+"""The loops of `numerics.incomplete` as machine code."""
 
 from __future__ import annotations
-
-from collections.abc import Callable
-from typing import Any
 
 import numba
 import numpy as np
 
 from tridentify.numerics.arrays import Array, Indices
+from tridentify.numerics.compiled import compiled
 
 _WHOLE, _NUMBER = numba.int64, numba.float64
 _VECTOR, _TABLE, _PLACES = _NUMBER[::1], _NUMBER[:, ::1], numba.int64[::1]
-
-ORDER = {"reassoc", "nsz", "contract"}
-"""Sums may be taken in any order, which lets the processor take several samples at once."""
 
 SUFFICIENT, CURVED = 1e-4, 0.9
 """Of the strong Wolfe conditions: share of the slope that a step must gain, and that it may
 leave."""
 
 
-def _compiled(signature: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Decorator: machine code for a signature, read from disk after the first time."""
-
-    def wrap(loop: Callable[..., Any]) -> Callable[..., Any]:
-        try:
-            found: Callable[..., Any] = numba.njit(signature, cache=True, fastmath=ORDER)(loop)
-        except RuntimeError:  # no folder on this machine can hold the cache
-            found = numba.njit(signature, fastmath=ORDER)(loop)
-        return found
-
-    return wrap
-
-
-@_compiled(_TABLE(_VECTOR))
+@compiled(_TABLE(_VECTOR), any_order=True, inner=True)
 def partial_sums(a: Array) -> Array:
     """``sum a_v a_{v + lag}`` over ``v = u .. p - lag``, at ``[u, lag]``.
 
@@ -55,7 +32,7 @@ def partial_sums(a: Array) -> Array:
     return found
 
 
-@_compiled(_NUMBER(_TABLE, _VECTOR, _PLACES, _TABLE, _TABLE, _VECTOR))
+@compiled(_NUMBER(_TABLE, _VECTOR, _PLACES, _TABLE, _TABLE, _VECTOR), any_order=True, inner=True)
 def complete(
     sums: Array, x: Array, missing: Indices, band: Array, inverse: Array, expected: Array
 ) -> float:
@@ -118,7 +95,7 @@ def complete(
     return log_determinant
 
 
-@_compiled(numba.void(_WHOLE, _VECTOR, _PLACES, _TABLE, _TABLE, _TABLE))
+@compiled(numba.void(_WHOLE, _VECTOR, _PLACES, _TABLE, _TABLE, _TABLE), any_order=True, inner=True)
 def tables(
     p: int, x: Array, missing: Indices, inverse: Array, products: Array, spread: Array
 ) -> None:
@@ -147,7 +124,7 @@ def tables(
             along[lag] -= first[i, lag] + last[i, lag]
 
 
-@_compiled(numba.void(_VECTOR, _VECTOR, _TABLE))
+@compiled(numba.void(_VECTOR, _VECTOR, _TABLE), any_order=True)
 def levinson(k: Array, a: Array, slopes: Array) -> None:
     """``a_0 = 1, a_1 .. a_p`` of reflection coefficients, and ``slopes[i, j] = d a_{i+1} / d k_j``.
 
@@ -172,7 +149,7 @@ def levinson(k: Array, a: Array, slopes: Array) -> None:
         slopes[m - 1, m - 1] = 1.0
 
 
-@_compiled(numba.void(_TABLE, _VECTOR, _VECTOR, _VECTOR, _NUMBER))
+@compiled(numba.void(_TABLE, _VECTOR, _VECTOR, _VECTOR, _NUMBER), any_order=True, inner=True)
 def update(inverse: Array, step: Array, before: Array, after: Array, length: float) -> None:
     """The inverse of the matrix of second derivatives after a step, in place (BFGS)."""
     p = step.size
@@ -194,7 +171,7 @@ def update(inverse: Array, step: Array, before: Array, after: Array, length: flo
             inverse[i, j] += weight * taken * length * step[j]
 
 
-@_compiled(_NUMBER(_VECTOR, _VECTOR, _PLACES, _PLACES, _PLACES, _WHOLE, _VECTOR))
+@compiled(_NUMBER(_VECTOR, _VECTOR, _PLACES, _PLACES, _PLACES, _WHOLE, _VECTOR), any_order=True)
 def value(
     k: Array,
     filled: Array,
@@ -228,7 +205,8 @@ def value(
         band, inverse = np.zeros((own.size, width)), np.zeros((own.size, width))
         log_determinant += complete(sums, x, own, band, inverse, np.zeros(own.size))
         tables(p, x, own, inverse, products, spread)
-    slope[:] = 0.0
+    for j in range(p):
+        slope[j] = 0.0
     if not np.isfinite(log_determinant):
         return np.inf
     energy, by_polynomial, by_spread = 0.0, np.zeros(p + 1), np.zeros(p + 1)
@@ -249,11 +227,12 @@ def value(
     return found
 
 
-@_compiled(
+@compiled(
     numba.boolean(
         _VECTOR, _TABLE, _VECTOR, _NUMBER, _NUMBER, _WHOLE,
         _VECTOR, _PLACES, _PLACES, _PLACES, _WHOLE,
-    )
+    ),
+    any_order=True,
 )  # fmt: skip
 def descend(
     start: Array, root: Array, moved: Array, farthest: float, still: float, most: int,

@@ -51,7 +51,7 @@ from __future__ import annotations
 import numpy as np
 
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.compiled import compiled
+from tridentify.numerics.compiled import linked as compiled
 
 NEGLIGIBLE = 1e-11
 RENEWED, LOST = 0.05, 1e-20

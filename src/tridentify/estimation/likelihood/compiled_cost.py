@@ -17,10 +17,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from tridentify.models.compiled_columns import add_combined, add_filtered, leads_to
+from tridentify.models.compiled_columns import add_combined, add_filtered, largest, leads_to
 from tridentify.numerics.arrays import Array, Indices
 from tridentify.numerics.compiled import compiled
-from tridentify.numerics.kernels.small_least_squares import solve_small
+from tridentify.numerics.kernels.small_least_squares import singular, solve_small
 
 Linear = tuple[Array, Array, Array, Array, Array, Array, Indices, Array, Array, Indices, Array]
 """What `fit_outputs` gives."""
@@ -202,7 +202,7 @@ def fit_outputs(
     n_inputs, tall = group.shape[1], n_experiments * targets.shape[2]
     q = repeats * (firsts[-1] + orders[-1])
     sizes = unknowns(free, nuisance.size, n_experiments, orders, group, zeros)
-    most = sizes.max()
+    most = largest(sizes)
     rows, direct = np.zeros((n_outputs, n_inputs, q)), np.zeros((n_outputs, n_inputs))
     started = np.zeros((n_experiments, n_outputs, q))
     costs, conditions = np.zeros(n_outputs), np.zeros(n_outputs)
@@ -262,7 +262,7 @@ def decomposed(scores: Array, residual: Array) -> tuple[Array, Array, Array, Arr
         total += residual[r] * residual[r]
         for c in range(n):
             own[r, c] = scores[r, c] / scale[c]
-    u, s, vt = np.linalg.svd(own, full_matrices=False)
+    u, s, vt = singular(own)
     projection = np.zeros(s.size)
     for r in range(tall):
         for k in range(s.size):

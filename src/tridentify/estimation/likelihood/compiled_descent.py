@@ -11,12 +11,12 @@ is a pole at a slow limit, a residual of mere rounding, and numbers that are not
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from tridentify.estimation.likelihood.compiled_cost import fit_outputs, scores_at
+from tridentify.models.compiled_columns import largest
 from tridentify.models.compiled_regression import triangles_of
 from tridentify.models.compiled_steps import coefficients_of
 from tridentify.models.compiled_whitening import whitened_triangles
@@ -36,11 +36,6 @@ SEEN = (
     " float64[::1], float64[::1], float64))"
 )
 """Residual sums of squares, then what `compiled_cost.scores_at` gives."""
-COST = (
-    f"Tuple(({SEEN}, float64, float64, float64[::1]))({CHARTS}, {SHAPE}, complex128[::1],"
-    " float64[::1], float64[::1])"
-)
-"""Of `cost_there`, which `descend` gets as a pointer: its code is not compiled once more within."""
 LEAST_VARIANCE = 1e-300
 """As in `likelihood.cost`."""
 NEGLIGIBLE = 1e-13
@@ -52,8 +47,13 @@ def eigenvalues(matrix: Array) -> Complex:
     """Closed under conjugation to the last digit; ``nan`` where the matrix is not finite."""
     n = matrix.shape[0]
     found = np.empty(n, dtype=np.complex128)
-    if not np.isfinite(matrix.sum()):
-        found[:] = np.nan
+    total = 0.0
+    for i in range(n):
+        for j in range(n):
+            total += matrix[i, j]
+    if not np.isfinite(total):
+        for i in range(n):
+            found[i] = np.nan
         return found
     if n == 1:
         found[0] = matrix[0, 0]
@@ -123,7 +123,7 @@ def inner_cascades(poles: Complex, orders: Indices, firsts: Indices) -> tuple[Ar
     return a, b
 
 
-@compiled("boolean(complex128[::1], float64[::1])", inner=True)
+@compiled("boolean(complex128[::1], float64[::1])", inner=True, linked=True)
 def is_slow(poles: Complex, limits: Array) -> bool:
     """Whether a pole is near a slow limit, as `Point._decomposition` asks."""
     near = False
@@ -166,7 +166,9 @@ def proposed(
             if -real < max(limits[1], limits[3] * abs(imag)):
                 return False, poles, 0
             roots[k] = complex(real, imag)
-        found[at : at + n] = sorted_poles(roots)
+        roots = sorted_poles(roots)
+        for k in range(n):
+            found[at + k] = roots[k]
     return not is_slow(found, limits), found, note
 
 
@@ -182,6 +184,7 @@ def step_back(
     At the old poles ``row X = -1``, ``X`` the states of the new ones.
     """
     a, b = inner_cascades(new, orders, firsts)
+    total = 0.0
     for g in range(orders.size):
         n, at = orders[g], firsts[g]
         matrix, sides = np.zeros((n, n)), np.zeros((n, 1))
@@ -227,10 +230,11 @@ def step_back(
         solve_in_place(matrix, sides)
         for k in range(n):
             row[at + k] = sides[k, 0]
-    return bool(np.isfinite(row.sum()))
+            total += sides[k, 0]
+    return bool(np.isfinite(total))
 
 
-@compiled("float64(float64, float64, float64)", inner=True)
+@compiled("float64(float64, float64, float64)", inner=True, linked=True)
 def fall(share: float, total: float, samples: float) -> float:
     """Of the objective, where the residual's square falls by ``share``."""
     fraction = share / (total * total) if total > 0.0 else 0.0
@@ -238,7 +242,7 @@ def fall(share: float, total: float, samples: float) -> float:
     return -samples * lower
 
 
-@compiled("float64(float64[::1], float64[::1], float64, float64, float64)", inner=True)
+@compiled("float64(float64[::1], float64[::1], float64, float64, float64)", inner=True, linked=True)
 def promised(s: Array, projection: Array, total: float, damping: float, samples: float) -> float:
     """The fall of minus two log likelihood that a step promises."""
     share, least = 0.0, NEGLIGIBLE * s[0]
@@ -265,7 +269,7 @@ def shift_inputs(s: Array, a: Array, b: Array, constants: Array, states: int) ->
             s[r, states + j] += constants[j] * s[r, one]
 
 
-@compiled(COST, free=True, value=True)
+@compiled(f"({CHARTS}, {SHAPE}, complex128[::1], float64[::1], float64[::1])", inner=True)
 def cost_there(
     charts: Any, shape: Any, poles: Complex, counts: Array, floors: Array
 ) -> tuple[Any, float, float, Array]:
@@ -281,10 +285,10 @@ def cost_there(
     """
     table, numbers, delayed, parts, clocks = charts
     which, place, orders, firsts, group, zeros, leading, free, nuisance, constants = shape
-    a, b, basis, _, maps = bank_parts(poles, orders, 2, orders.max())
+    a, b, basis, _, maps = bank_parts(poles, orders, 2, largest(orders))
     q, n_inputs = b.size, group.shape[1]
     signals = q * (n_inputs + leading) + table[0, 2]
-    height = signals + table[:, 3].max()
+    height = signals + largest(table[:, 3].copy())
     stack = np.zeros((table.shape[0], height, signals))
     targets = np.zeros((*which.shape, height))
     for c in range(table.shape[0]):
@@ -312,7 +316,10 @@ def cost_there(
             for i in range(which.shape[1]):
                 if which[own[0], i] == c:
                     targets[own[0], i, k] = r[k, signals + place[own[0], i]]
-        if constants.size and np.any(constants[own[0]] != 0.0):
+        is_shifted = False
+        for j in range(constants.shape[1]):
+            is_shifted = is_shifted or constants[own[0], j] != 0.0
+        if is_shifted:
             shift_inputs(stack[c], a, b, constants[own[0]], signals - table[0, 2])
     rows, direct, started, costs, conditions, _, _, _, bases, ranks, residuals = fit_outputs(
         stack, which, targets, leading, free, nuisance, orders, firsts, group, zeros, 2, basis
@@ -330,7 +337,7 @@ def cost_there(
     return (costs, *found), objective, conditions.max(), theta
 
 
-@compiled("float64[::1](float64[:,::1], float64[::1])", inner=True)
+@compiled("float64[::1](float64[:,::1], float64[::1])", inner=True, linked=True)
 def combined(matrix: Array, weights: Array) -> Array:
     """The product."""
     found = np.zeros(matrix.shape[0])
@@ -340,7 +347,7 @@ def combined(matrix: Array, weights: Array) -> Array:
     return found
 
 
-@compiled("float64(float64[::1], float64[::1])", inner=True)
+@compiled("float64(float64[::1], float64[::1])", inner=True, linked=True)
 def dot(one: Array, other: Array) -> float:
     """Inner product."""
     total = 0.0
@@ -349,7 +356,7 @@ def dot(one: Array, other: Array) -> float:
     return total
 
 
-@compiled("float64(float64[::1], float64[::1], float64)", inner=True)
+@compiled("float64(float64[::1], float64[::1], float64)", inner=True, linked=True)
 def slope_left(s: Array, projection: Array, total: float) -> float:
     """The residual's share along the scores, as `Point.gradient`."""
     square = 0.0
@@ -360,20 +367,18 @@ def slope_left(s: Array, projection: Array, total: float) -> float:
 
 
 @compiled(
-    f"(FunctionType({COST}), {CHARTS}, {SHAPE}, float64[:,::1], float64[::1], float64[::1],"
+    f"({CHARTS}, {SHAPE}, float64[:,::1], float64[::1], float64[::1],"
     f" complex128[::1], {SEEN}, float64[::1], float64[::1], int64, int64)",
     free=True,
 )
 def descend(
-    cost: Callable[..., Any], charts: Any, shape: Any, scales: Array, limits: Array, rules: Array,
+    charts: Any, shape: Any, scales: Array, limits: Array, rules: Array,
     poles: Complex, seen: Any, state: Array, direction: Array, idle: int, most: int,
 ) -> tuple[Any, ...]:  # fmt: skip
     """Steps on the cost, as `levenberg_marquardt.finishing` takes them.
 
     Parameters
     ----------
-    cost : callable
-        `cost_there`.
     charts, shape : tuples
         As `CHARTS` and `SHAPE` say.
     scales : (3, n_outputs) array
@@ -450,7 +455,7 @@ def descend(
         if not can or not np.isfinite(predicted) or predicted == 0.0:
             goes_on = False
             break
-        trial, reached, condition, theta = cost(charts, shape, new, counts, floors)
+        trial, reached, condition, theta = cost_there(charts, shape, new, counts, floors)
         for i in range(counts.size):
             goes_on = goes_on and trial[0][i] >= exact[i]
         if not goes_on or not np.isfinite(reached):
@@ -464,7 +469,10 @@ def descend(
             state[1] *= 2.0
             goes_on = state[0] <= most_damped
             continue
-        thetas[taken], costs[taken] = theta, trial[0]
+        for k in range(size):
+            thetas[taken, k] = theta[k]
+        for i in range(counts.size):
+            costs[taken, i] = trial[0][i]
         told[taken, 0], told[taken, 1] = condition, slope_left(trial[3], trial[6], trial[7])
         told[taken, 2], told[taken, 3] = state[0], done
         taken += 1

@@ -103,8 +103,6 @@ class Descent:
         point : Point
         taken : list of Taken
         """
-        from tridentify.estimation.likelihood.compiled_descent import cost_there, descend
-
         problem, counts, taken = point.problem, point.counts, list[Taken]()
         least = self.settled if self.tried else max(self.settled, ONE_MORE)
         if not self.is_open or problem.limits is not None or point.decrease() < least:
@@ -112,6 +110,8 @@ class Descent:
         if self.given is None:
             self.is_open = False
             return point, taken
+        from tridentify.estimation.likelihood.compiled_descent import descend
+
         far, n_poles = FAR * float(counts.sum()), problem.n_poles
         scales = np.stack([counts, FLOOR * problem.power, exact * problem.size * counts])
         limits = np.array([problem.fastest, problem.slowest, problem.nyquist, LEAST_DAMPED])
@@ -125,7 +125,7 @@ class Descent:
             yield
             count = min(together, most - self.tried)
             self.is_open, tried, done, self.idle, note, poles, now, thetas, costs, told = descend(
-                cost_there, *self.given, scales, limits, rules, poles, now, state, direction,
+                *self.given, scales, limits, rules, poles, now, state, direction,
                 self.idle, count,
             )  # fmt: skip
             self.tried += tried

@@ -58,9 +58,11 @@ def explained_each(columns: Array, basis: Array, firsts: Indices, cutoff: float)
         own, r, at = np.empty((q + 1, n)), np.empty((q + 1, q + 1)), 0
         for j in range(firsts[g], firsts[g + 1]):
             if there[j]:
-                own[at] = columns[j]
+                for t in range(n):
+                    own[at, t] = columns[j, t]
                 at += 1
-        own[q] = columns[many]
+        for t in range(n):
+            own[q, t] = columns[many, t]
         triangularise(own, n, 0, n, r)
         # one over the length of the inverse is no more than the smallest singular value
         square = 0.0

@@ -23,7 +23,7 @@ LARGER = 1024.0
 """As in `numerics.discretize`."""
 
 
-@compiled("void(float64[:,::1], float64[:,::1], float64[:,::1])", inner=True)
+@compiled("void(float64[:,::1], float64[:,::1], float64[:,::1])", inner=True, linked=True)
 def multiply(a: Array, b: Array, out: Array) -> None:
     """``out = a b`` of lower triangular matrices with pairs."""
     n = a.shape[0]
@@ -83,12 +83,18 @@ def exponential(matrix: Array) -> Array:
     n, size, doublings = matrix.shape[0], size_of(matrix), 0
     found, even = np.empty((n, n)), np.empty((n, n))
     if not np.isfinite(size):
-        found[:, :] = np.nan
+        for i in range(n):
+            for j in range(n):
+                found[i, j] = np.nan
         return found
     while size > LARGEST:
         size *= 0.5
         doublings += 1
-    x, inner, odd = matrix * 0.5**doublings, np.empty((n, n)), np.empty((n, n))
+    x, inner, odd = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
+    share = 0.5**doublings
+    for i in range(n):
+        for j in range(n):
+            x[i, j] = matrix[i, j] * share
     x2, x4, x6 = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
     multiply(x, x, x2)
     multiply(x2, x2, x4)

@@ -47,7 +47,13 @@ def by_fours(
                 width = min(4, q - first)
                 if first + width < q and transition[first + width - 1, first + width] != 0.0:
                     width -= 1
-                f[:], x[:], known[width:] = 0.0, 0.0, 0.0
+                for i in range(4):
+                    x[i] = 0.0
+                    for m in range(4):
+                        f[i, m] = 0.0
+                for i in range(width, 4):
+                    for k in range(count):
+                        known[i, k] = 0.0
                 for i in range(width):
                     own, forced = first + i, known[i]
                     now, after = from_current[own], from_next[own]

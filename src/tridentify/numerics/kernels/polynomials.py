@@ -8,7 +8,7 @@ from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.compiled import compiled
 
 
-@compiled("int64(float64[::1], int64, float64, float64, boolean)", inner=True)
+@compiled("int64(float64[::1], int64, float64, float64, boolean)", inner=True, linked=True)
 def times_section(
     coefficients: Array, size: int, first: float, second: float, is_pair: bool
 ) -> int:

@@ -11,6 +11,13 @@ CUTOFF = 1e-13
 """As in `numerics.least_squares`."""
 
 
+@compiled("(float64[:,::1],)", inner=True)
+def singular(matrix: Array) -> tuple[Array, Array, Array]:
+    """Singular values and vectors."""
+    u, s, vt = np.linalg.svd(matrix, full_matrices=False)
+    return u, s, vt
+
+
 @compiled("(float64[:,::1], float64[::1])")
 def solve_small(matrix: Array, target: Array) -> tuple[Array, float, float, Array, Array]:
     """Least squares with unit columns, by SVD.
@@ -46,7 +53,7 @@ def solve_small(matrix: Array, target: Array) -> tuple[Array, float, float, Arra
     for i in range(m):
         for j in range(n):
             scaled[i, j] = matrix[i, j] / scale[j]
-    u, s, vt = np.linalg.svd(scaled, full_matrices=False)
+    u, s, vt = singular(scaled)
     rank = 0
     for k in range(s.size):
         if s[k] > CUTOFF * s[0]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tridentify.numerics.arrays import Array, Indices
-from tridentify.numerics.compiled import compiled
+from tridentify.numerics.compiled import linked as compiled
 from tridentify.online.kernels import slots
 
 

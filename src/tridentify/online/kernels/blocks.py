@@ -29,6 +29,13 @@ SHORTEST = 4
 """Samples of the shortest block: fewer are quicker one by one."""
 
 
+@compiled(types.void(VECTOR, VECTOR), inner=True)
+def copy(source: Array, goal: Array) -> None:
+    """The numbers of one vector into another: put by, or put back."""
+    for k in range(source.size):
+        goal[k] = source[k]
+
+
 @compiled(types.int64(INTS, VECTOR, SAMPLES, SAMPLES, types.int64, types.int64), wide=True)
 def quiet(ints: Indices, x: Array, u: Array, y: Array, start: int, most: int) -> int:
     """How many samples from ``start`` on, but ``most``, may be tried as a block."""

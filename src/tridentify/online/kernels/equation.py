@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from tridentify.numerics.arrays import Array, Indices
-from tridentify.numerics.compiled import compiled
+from tridentify.numerics.compiled import linked as compiled
 from tridentify.numerics.recursive import correct, drift, predict, solve_triangle
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.absorb import absorb, refuse

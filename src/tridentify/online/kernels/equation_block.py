@@ -7,7 +7,7 @@ from numba import types
 from tridentify.numerics.arrays import Array, Indices
 from tridentify.numerics.compiled import compiled
 from tridentify.online.kernels import slots
-from tridentify.online.kernels.blocks import SHORTEST, absorb_block, count_block, quiet
+from tridentify.online.kernels.blocks import SHORTEST, absorb_block, copy, count_block, quiet
 from tridentify.online.kernels.filters import direct_terms, line_up, run_filter, run_inputs
 from tridentify.online.kernels.signatures import INTS, MANY, SAMPLES, TABLE, VECTOR
 from tridentify.online.kernels.workspace import ERRORS
@@ -114,7 +114,7 @@ def equation_block(
     columns = q * (m + 1) + 1
     work = columns + ints[slots.COLUMNS] + 1
     own = work + ints[slots.COLUMNS] + 1
-    kept[:] = x
+    copy(x, kept)
     while count >= SHORTEST:
         line_up(ints, x, u, start, count, lines)
         build_block(ints, c, x, y, start, count, room, columns, lines, zeros)
@@ -131,6 +131,6 @@ def equation_block(
                 innovations[start + k, 0] = errors[k]
             count_block(ints, c, x, u, y, start, count, lines, flags)
             return count
-        x[:] = kept
+        copy(kept, x)
         count = taken
     return 0

@@ -21,7 +21,7 @@ from __future__ import annotations
 import numpy as np
 
 from tridentify.numerics.arrays import Array, Indices
-from tridentify.numerics.compiled import compiled
+from tridentify.numerics.compiled import linked as compiled
 from tridentify.numerics.recursive import along, descend
 from tridentify.online.kernels import gradient_slots as places
 from tridentify.online.kernels import slots

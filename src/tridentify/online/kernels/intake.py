@@ -42,7 +42,7 @@ from __future__ import annotations
 import numpy as np
 
 from tridentify.numerics.arrays import Array, Indices
-from tridentify.numerics.compiled import compiled
+from tridentify.numerics.compiled import linked as compiled
 from tridentify.online.kernels import slots
 
 

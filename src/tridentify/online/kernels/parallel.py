@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from tridentify.numerics.arrays import Array, Indices
-from tridentify.numerics.compiled import compiled
+from tridentify.numerics.compiled import linked as compiled
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.absorb import absorb
 from tridentify.online.kernels.advance import die_away, drive

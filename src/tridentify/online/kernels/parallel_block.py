@@ -5,7 +5,7 @@ from __future__ import annotations
 from tridentify.numerics.arrays import Array, Indices
 from tridentify.numerics.compiled import compiled
 from tridentify.online.kernels import slots
-from tridentify.online.kernels.blocks import SHORTEST, absorb_block, count_block, quiet
+from tridentify.online.kernels.blocks import SHORTEST, absorb_block, copy, count_block, quiet
 from tridentify.online.kernels.filters import direct_terms, line_up, run_inputs
 from tridentify.online.kernels.signatures import MANY
 from tridentify.online.kernels.workspace import ERRORS
@@ -75,7 +75,7 @@ def parallel_block(
     directions = work + n + 1
     own = directions + ints[slots.DIRECTIONS]
     first = int(x[slots.FIRST])
-    kept[:] = x
+    copy(x, kept)
     while count >= SHORTEST:
         line_up(ints, x, u, start, count, lines)
         fill_rows(ints, c, x, count, room, columns, lines, zeros)
@@ -94,6 +94,6 @@ def parallel_block(
                 x[ints[slots.AT_ROW] + q * ints[slots.FREE] + r] = room[r, count]
             count_block(ints, c, x, u, y, start, count, lines, flags)
             return count
-        x[:] = kept
+        copy(kept, x)
         count = taken
     return 0
