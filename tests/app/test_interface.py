@@ -23,9 +23,9 @@ pytest.importorskip("httpx2", reason="httpx2, which asks the server in tests, is
 
 from fastapi.testclient import TestClient
 
+from interface_types import ANSWERS, Refusal, Revision, Stretch
 from tridentify.app.answers import _few, shared_time
 from tridentify.app.bench import Bench
-from tridentify.app.documents import ANSWERS, Refusal, Revision, Stretch
 from tridentify.app.server import Settings, create
 from tridentify.app.session import Session
 from tridentify.record.formats.roles import guess_roles

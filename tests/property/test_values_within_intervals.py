@@ -97,11 +97,11 @@ def _outside_of(document: object, where: str) -> list[str]:
     return found
 
 
-FEW = (0, 1, 2, 3)
+FEW = (2, 3)
 
 
 @pytest.mark.parametrize(
-    "seed", [*FEW, *(pytest.param(k, marks=pytest.mark.slow) for k in range(4, 64))]
+    "seed", [*FEW, *(pytest.param(k, marks=pytest.mark.slow) for k in (0, 1, *range(4, 64)))]
 )
 def test_every_value_lies_within_its_own_interval(seed: int) -> None:
     record, structure = drawn(seed)

@@ -33,6 +33,7 @@ def codes(record, structure):
 
 
 @pytest.mark.parametrize(("seed", "code"), [(1, -999.0), (2, 9999.0), (3, -1e6)])
+@pytest.mark.fast("1-*", "3-*")
 def test_a_code_for_missing_values_is_told_first(seed, code):
     rng, u, y, dt = plant(seed)
     at = int(rng.integers(50, 450))
@@ -49,6 +50,7 @@ def test_levels_and_steps_are_no_codes():
 
 
 @pytest.mark.parametrize("seed", [4, 5, 6])
+@pytest.mark.fast("4")
 def test_where_a_sensor_hung_no_rows_were_lost(seed):
     rng, u, y, dt = plant(seed)
     at = int(rng.integers(100, 400))
@@ -59,6 +61,7 @@ def test_where_a_sensor_hung_no_rows_were_lost(seed):
 
 
 @pytest.mark.parametrize("seed", range(20, 24))
+@pytest.mark.fast("21", "22")
 def test_a_coarse_slow_sensor_is_told_of_its_steps_alone(seed):
     rng = np.random.default_rng(seed)
     u = np.where(steps(rng, 600, 60, 150) > 0, 1.0, -1.0)
@@ -70,6 +73,7 @@ def test_a_coarse_slow_sensor_is_told_of_its_steps_alone(seed):
 
 
 @pytest.mark.parametrize("seed", [11, 13, 15])
+@pytest.mark.fast("15")
 def test_a_drive_that_friction_stops_has_no_sensor_that_hung(seed):
     rng = np.random.default_rng(seed)
     u = 6.0 * steps(rng, 500, 20, 60)

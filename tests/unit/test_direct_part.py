@@ -58,6 +58,7 @@ def test_as_many_zeros_as_poles_are_tried_unasked() -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
+@pytest.mark.fast("1")
 def test_a_slope_after_a_jump_is_no_direct_part(seed: int) -> None:
     without = battery(seed, resistance=0.0)
     assert not has_direct_part([without])

@@ -29,6 +29,7 @@ def experiment(rng, kind, n=500):
 
 
 @pytest.mark.parametrize("seed", range(3))
+@pytest.mark.fast("0")
 def test_inputs_of_several_kinds_are_no_feedback(seed):
     rng = np.random.default_rng(seed)
     records = [experiment(rng, "sine"), experiment(rng, "steps")]

@@ -58,6 +58,7 @@ def recorded(u, y, r, digits=None):
 
 
 @pytest.mark.parametrize("seed", range(5))
+@pytest.mark.fast("0")
 def test_a_rule_of_the_samples_is_seen_and_its_absence_too(seed):
     assert input_rule([sampled(seed)], 2) is InputRule.SAMPLED
     assert input_rule([sampled(seed, late=1)], 2) is InputRule.SAMPLED
@@ -80,6 +81,7 @@ def test_rounded_numbers_tell_nothing_that_is_wrong():
 
 
 @pytest.mark.parametrize("seed", range(40, 45))
+@pytest.mark.fast("40")
 def test_four_digits_show_the_rule_where_the_input_moves_much_more(seed):
     """The rounding of the rule's own sum is what counts, not the worst case of all its signals."""
     assert input_rule([sampled(seed, digits=4)], 2) is InputRule.SAMPLED

@@ -9,8 +9,8 @@ from tridentify import Record, TransferFunction, simulate
 from tridentify.estimation.likelihood.cost import evaluate_variant
 from tridentify.estimation.likelihood.levenberg_marquardt import Recorder, finish
 from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.search.band import rate_limits
 from tridentify.estimation.search.one_mode_moved import FARTHER, moved_poles, place_costs
-from tridentify.estimation.search.starts import rate_limits
 from tridentify.models.regression import Experiment
 from tridentify.numerics.realization import sort_poles
 

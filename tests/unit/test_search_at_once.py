@@ -9,8 +9,9 @@ from tridentify import Record, Structure, ThreeModel, TransferFunction, identify
 from tridentify.estimation.likelihood.cost import evaluate
 from tridentify.estimation.likelihood.nuisance import build_base, candidates
 from tridentify.estimation.methods.noise import PASSED
+from tridentify.estimation.search.following import CERTAIN
 from tridentify.estimation.search.found import Starts
-from tridentify.estimation.search.search import CERTAIN, Search
+from tridentify.estimation.search.search import RecordSearch
 from tridentify.estimation.search.stand_ins import LARGE_RECORD, free_variant, window
 from tridentify.estimation.search.starts import best_laguerre, laguerre_starts
 from tridentify.numerics.converter import FEW_VALUES, quantum
@@ -31,7 +32,7 @@ def noisy(model, seed, n=4 * LARGE_RECORD, noise=0.3):
 
 def searched(record, structure):
     base, variants = build_base([record], structure, candidates([record], structure))
-    search = Search(4)
+    search = RecordSearch(4)
     search.run(base, variants)
     return search, base, variants
 

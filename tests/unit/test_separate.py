@@ -10,9 +10,10 @@ from tridentify.estimation.likelihood.answer import model_of
 from tridentify.estimation.likelihood.cost import Point, evaluate
 from tridentify.estimation.likelihood.levenberg_marquardt import Recorder, coefficients
 from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.search.band import relocated_poles
 from tridentify.estimation.search.one_mode_moved import moved_poles, place_costs
 from tridentify.estimation.search.passes import adapt, parallel_model, series_model
-from tridentify.estimation.search.starts import laguerre_starts, relocated_poles
+from tridentify.estimation.search.starts import laguerre_starts
 from tridentify.models.regression import Experiment
 from tridentify.models.series_parallel import Filtering, fit_denominators
 from tridentify.numerics.realization import denominator, roots_of, sort_poles

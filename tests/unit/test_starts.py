@@ -7,12 +7,11 @@ import pytest
 
 from tridentify import Record, TransferFunction, simulate
 from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.search.band import rate_limits, relocated_poles
 from tridentify.estimation.search.starts import (
     discrete_poles,
     enriched_starts,
     laguerre_starts,
-    rate_limits,
-    relocated_poles,
     spread_starts,
 )
 from tridentify.models.regression import Experiment

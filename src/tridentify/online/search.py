@@ -14,8 +14,8 @@ from tridentify.estimation.likelihood.choose_nuisance import deciding
 from tridentify.estimation.likelihood.question import Question
 from tridentify.estimation.methods.base import check
 from tridentify.estimation.methods.three_model import ThreeModel
+from tridentify.estimation.search.following import Search
 from tridentify.estimation.search.gross_outliers import outlier_slices
-from tridentify.estimation.search.search import Search
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.realization import sort_poles
 from tridentify.numerics.slices import Slices

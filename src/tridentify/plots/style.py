@@ -91,7 +91,7 @@ class Panels(list["Axes"]):
             return
         buffer = io.BytesIO()
         self.figure.savefig(buffer, format="png")
-        display(Image(buffer.getvalue()))  # type: ignore[no-untyped-call]
+        display(Image(buffer.getvalue()))
         if seen:
             plt.close(self.figure)
 

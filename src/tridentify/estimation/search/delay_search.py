@@ -46,9 +46,10 @@ from tridentify.estimation.likelihood.levenberg_marquardt import criterion, fini
 from tridentify.estimation.likelihood.nuisance import SLACK, Nuisances, build
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.estimation.likelihood.thresholds import EQUAL, HELPED, NEAR, PLAUSIBLE
-from tridentify.estimation.search.search import Search
+from tridentify.estimation.search.band import rate_limits
+from tridentify.estimation.search.following import Search
 from tridentify.estimation.search.stand_ins import SMALL, free_variant, is_large, is_usable, window
-from tridentify.estimation.search.starts import parallel_criteria, rate_limits
+from tridentify.estimation.search.starts import parallel_criteria
 from tridentify.models.regression import Experiment
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.slices import drain

@@ -29,7 +29,7 @@ import numpy as np
 
 from tridentify.estimation.likelihood.nuisance import Nuisances, build
 from tridentify.estimation.likelihood.problem import Problem
-from tridentify.estimation.search.starts import SPREAD_DAMPING, rate_limits, spread_poles
+from tridentify.estimation.search.band import SPREAD_DAMPING, rate_limits, spread_poles
 from tridentify.models.regression import Layout, response_of
 from tridentify.numerics.arrays import Array, Complex, Flags
 from tridentify.numerics.converter import quantum

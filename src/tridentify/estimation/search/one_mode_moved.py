@@ -24,8 +24,8 @@ from typing import NamedTuple
 import numpy as np
 
 from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.search.band import rate_limits
 from tridentify.estimation.search.banks import costs
-from tridentify.estimation.search.starts import rate_limits
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.realization import sort_poles
 from tridentify.numerics.slices import Slices, drain

@@ -124,7 +124,7 @@ def _of_dask(workers: Any) -> Iterator[Engine]:
             _check_address(workers)
             stack.enter_context(_hushed("distributed.client"))
             try:
-                client = Client(workers, timeout=CONNECT, set_as_default=False)  # type: ignore[no-untyped-call]
+                client = Client(workers, timeout=CONNECT, set_as_default=False)
                 stack.enter_context(client)
             except (OSError, ValueError, TimeoutError) as error:
                 raise TridentifyError(

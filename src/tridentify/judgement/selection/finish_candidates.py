@@ -2,7 +2,7 @@
 
 1. Each candidate is finished from the best of its starts: balanced truncations of the parallel
    model and a discrete-time model. Single poles or pairs are then tried elsewhere
-   (`search.search.Search.move`), as in the search of one structure.
+   (`search.following.Search.move`), as in the search of one structure.
 2. A candidate that contains another one cannot explain less. Where it does, its end was a local
    minimum, and it begins again from the poles of the lesser one with one pole more, taken from its
    own starts.
@@ -48,8 +48,9 @@ from tridentify.estimation.likelihood.raster import are_even
 from tridentify.estimation.likelihood.thresholds import ALLOWANCE
 from tridentify.estimation.methods.base import Method, check
 from tridentify.estimation.methods.three_model import ThreeModel
+from tridentify.estimation.search.following import Search
 from tridentify.estimation.search.found import SearchEnd
-from tridentify.estimation.search.search import Search, search_again
+from tridentify.estimation.search.search import search_again
 from tridentify.estimation.search.starts import discrete_poles
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.autoregression import (

@@ -57,7 +57,7 @@ from tridentify.estimation.methods.filtered.state_variable_filters import (
     unreduced,
     with_filtered,
 )
-from tridentify.estimation.search.starts import rate_limits
+from tridentify.estimation.search.band import rate_limits
 from tridentify.models.regression import Experiment
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.realization import cascade
