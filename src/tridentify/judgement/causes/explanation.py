@@ -36,7 +36,7 @@ AS_MUCH = 0.9
 of the coefficients, which follow what is slow as well where the input is as slow or moves in a few
 places only."""
 
-FOLLOW = ("nonlinear", "varying", "order-low")
+FOLLOW = ("nonlinear", "order-low")
 """Causes that follow whatever has an instant or a delay of its own, with more freedom."""
 
 ALONE = 0.5
@@ -161,8 +161,11 @@ class Explanations:
         others = [one for one in clear if not one.rival.exact]
         exact = next((one for one in clear if one.rival.exact), None)
         loose = max((one.gain for one in others if one.rival.code in FOLLOW), default=0.0)
-        strict = max((one.gain for one in others if one.rival.code not in FOLLOW), default=0.0)
-        least = max(AS_MUCH * loose, strict / NEARLY, strict + CLEARLY)
+        # a system that changes slowly is followed by a change at one instant almost as well
+        halves = max((one.gain for one in others if one.rival.code == "varying"), default=0.0)
+        known = (*FOLLOW, "varying")
+        strict = max((one.gain for one in others if one.rival.code not in known), default=0.0)
+        least = max(AS_MUCH * loose, halves, strict / NEARLY, strict + CLEARLY)
         return [exact] if exact is not None and exact.gain > least else others
 
     def _is_slow(self, code: str, clear: Sequence[Explanation]) -> bool:
