@@ -18,6 +18,7 @@ import numpy as np
 from tridentify.errors import TridentifyError
 from tridentify.judgement.causes.attempt import Attempt, attempt, promise
 from tridentify.judgement.causes.delay import FEW_STEPS
+from tridentify.judgement.causes.intersample import is_staircase
 from tridentify.judgement.causes.present import Present
 from tridentify.judgement.causes.rivals import LONG_ENOUGH, Rival, one
 from tridentify.numerics.arrays import Array, Complex
@@ -140,7 +141,7 @@ def _earlier(present: Present, shift: float) -> Present:
 
 
 def wandering_rivals(present: Present, late: Sequence[Rival]) -> Iterator[Rival]:
-    """Delays that move along straight lines, and one for each move of a held input.
+    """Delays of a held input that move along straight lines, and one for each of its moves.
 
     Parameters
     ----------
@@ -149,6 +150,9 @@ def wandering_rivals(present: Present, late: Sequence[Rival]) -> Iterator[Rival]
         One delay more, for all the record.
     """
     if len(present.records) > 1 or present.records[0].dt is None:
+        return
+    # where every sample moves, what is late by a time of its own follows any other misfit too
+    if not is_staircase(present.records):
         return
     (record,) = present.records
     n = record.n_samples
