@@ -27,6 +27,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "bad-samples": "samples that noise does not explain",
         "missing-samples": "samples that are not there",
         "lost-rows": "rows that were lost without a trace in the time stamps",
+        "channel-changes": "a recorded channel changes its unit, its gain or its level",
         "another-system": "the record is not of the system that was identified",
         "input-noise": "a recorded input carries noise that did not act",
         "intersample": "another behaviour of the input between its samples explains the record",

@@ -250,10 +250,10 @@ def _turning(change: Array, before: Array, share: float) -> float:
     Gauss-Newton steps in a curved valley go to and fro: with ``d_k = (1 - s (1 + c)) d_{k-1}``
     after a share ``s`` of the step before, the share that ends it is ``1 / (1 + c)`` (Aitken).
     """
-    along = float(change @ before)
-    if along >= 0.0:
+    along, size = float(change @ before), float(before @ before)
+    if along >= 0.0 or not size > 0.0:
         return 1.0
-    return share / (1.0 - along / float(before @ before))
+    return share / (1.0 - along / size)
 
 
 def _deviation(upper: Array, left: Array, count: int, n: int) -> Array:

@@ -42,10 +42,11 @@ class Part(NamedTuple):
 
 
 class Limited(NamedTuple):
-    """Recorded outputs and residuals, (n_samples, n_outputs) per experiment."""
+    """Recorded outputs, residuals and outputs, (n_samples, n_outputs) per experiment."""
 
     recorded: tuple[Array, ...]
     residuals: tuple[Array, ...]
+    outputs: tuple[Array, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +73,10 @@ class Attempt:
     def residuals(self) -> tuple[Array, ...]:
         """(n_samples, n_outputs) per experiment, not whitened; ``nan`` where one is missing."""
         return self.point.residuals() if self.limited is None else self.limited.residuals
+
+    def outputs(self) -> tuple[Array, ...]:
+        """(n_samples, n_outputs) per experiment, as they would be recorded."""
+        return self.point.outputs() if self.limited is None else self.limited.outputs
 
     @property
     def count(self) -> float:

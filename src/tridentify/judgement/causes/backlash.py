@@ -21,15 +21,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from tridentify.errors import TridentifyError
 from tridentify.judgement.causes.attempt import Attempt, Limited, attempt, promise
 from tridentify.judgement.causes.present import Present
-from tridentify.judgement.causes.rivals import Gap, Rival, one
+from tridentify.judgement.causes.rivals import Rival, one
 from tridentify.judgement.causes.saturation import refitted_noise
 from tridentify.numerics.arrays import Array
+from tridentify.record.record import Record
 
 ROUNDS = 6
 """Fits and widths in turn: a model that was fitted to what is late is late itself, and the first
@@ -124,21 +126,22 @@ def backlash_rivals(present: Present, fitted: Sequence[Array]) -> Iterator[Rival
             yield found
 
 
-def with_gap(end: Attempt, gap: Gap) -> Attempt:
+def _with_gap(i: int, half: float, records: Sequence[Record], end: Attempt) -> Attempt:
     """Where a fit to the driving part ended, compared with what was recorded of the driven one."""
-    recorded, left = [], []
-    pairs = zip(gap.records, end.point.outputs(), end.point.residuals(), strict=True)
+    recorded, left, shown = [], [], []
+    pairs = zip(records, end.point.outputs(), end.point.residuals(), strict=True)
     for record, outputs, residual in pairs:
         y = np.where(np.isfinite(residual), record.y, np.nan)
         driven = np.array(outputs)
-        driven[:, gap.output] = _driven(record.y[:, gap.output], outputs[:, gap.output], gap.half)
+        driven[:, i] = _driven(record.y[:, i], outputs[:, i], half)
         recorded.append(y)
         left.append(y - driven)
+        shown.append(driven)
     return replace(
         end,
         deviance=refitted_noise(end, left),
         unknowns=end.unknowns + 1,
-        limited=Limited(tuple(recorded), tuple(left)),
+        limited=Limited(tuple(recorded), tuple(left), tuple(shown)),
     )
 
 
@@ -175,7 +178,9 @@ def _of_output(present: Present, fitted: Sequence[Array], i: int) -> Rival | Non
     name = records[0].output_names[i]
     what = f"play of about {2.0 * half:.3g} (backlash) between what is driven and {name}"
     rival = one("nonlinear", part, what, REMEDY, refits=False)
-    return replace(rival, starts=((poles, present.poles),), gap=Gap(i, half, tuple(records)))
+    return replace(
+        rival, starts=((poles, present.poles),), behind=partial(_with_gap, i, half, records)
+    )
 
 
 def _half_width(recorded: Sequence[Array], fitted: Sequence[Array]) -> float | None:

@@ -14,8 +14,9 @@ import numpy as np
 from tridentify.errors import TridentifyError
 from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
 from tridentify.judgement.causes.attempt import ROUNDING, ROUNDS, Attempt, attempt, promise
-from tridentify.judgement.causes.backlash import backlash_rivals, with_gap
+from tridentify.judgement.causes.backlash import backlash_rivals
 from tridentify.judgement.causes.both import both_rivals
+from tridentify.judgement.causes.breaks import break_rivals
 from tridentify.judgement.causes.delay import delay_rivals, neighbours, shifted
 from tridentify.judgement.causes.explanation import CLEARLY, Explanation, Explanations
 from tridentify.judgement.causes.feedback import reacts
@@ -35,8 +36,9 @@ from tridentify.judgement.causes.rivals import (
     order_rivals,
     varying_rivals,
 )
-from tridentify.judgement.causes.saturation import saturation_rivals, with_limits
+from tridentify.judgement.causes.saturation import saturation_rivals
 from tridentify.judgement.causes.slow import slow_rivals
+from tridentify.judgement.causes.timing import early_rivals, wandering_rivals
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.information import aicc_price
 from tridentify.numerics.interpolation import FEWEST
@@ -96,13 +98,14 @@ def explain(
         return Explanations(base, tuple(found), (None,) * base.point.problem.n_outputs)
     pairs = zip(base.point.problem.experiments, base.point.residuals(), strict=True)
     fitted = [experiment.y - residual for experiment, residual in pairs]
-    for code, rivals in _rivals(settled, fitted, only).items():
-        if code not in skip:
-            found += _fitted(rivals, base)
+    for code, rivals in _rivals(settled, fitted, only, "delay" in skip).items():
+        tried = [rival for rival in rivals if rival.exact] if code in skip else rivals
+        found += _fitted(tried, base)
     if only in ("", "nonlinear"):
         found += _fitted(backlash_rivals(settled, fitted), base)
     found += _sharper(found, settled, base)
     found += [] if only else _together(found, settled, base)
+    found += _late_again(found, settled, base)
     found += _lines_again(found, settled, base)
     if only:
         return Explanations(base, tuple(sorted(found, key=lambda one: -one.gain)))
@@ -115,7 +118,7 @@ def _ranked(
     """All explanations, with the delays beside one that is named, and whether the input reacts."""
     result = Explanations(base, tuple(sorted(found, key=lambda one: -one.gain)), asked=asked)
     named = result.named
-    if named is not None and named.rival.code == "delay":
+    if named is not None and named.rival.code == "delay" and not named.rival.exact:
         more = _fitted(neighbours(settled, named.rival), base)
         every = sorted([*result.found, *more], key=lambda one: -one.gain)
         result = replace(result, found=tuple(every))
@@ -195,6 +198,7 @@ def _together(found: Sequence[Explanation], present: Present, base: Attempt) -> 
     """Another behaviour between the samples and a delay at once, where either explains much."""
     n = present.records[0].n_inputs
     codes = ("intersample", "delay")
+    found = [one for one in found if not one.rival.exact]
     single = [one for one in found if one.rival.code in codes and one.rival.refits and one.is_clear]
     lost = any(one.rival.code == "lost-rows" and one.is_clear for one in found)
     if lost or not single or not any(one.rival.code == "delay" for one in found):
@@ -235,6 +239,18 @@ def _finer(one: Explanation, present: Present, base: Attempt) -> list[Explanatio
     return [other for other in found if other.gain > one.gain + CLEARLY]
 
 
+def _late_again(found: Sequence[Explanation], present: Present, base: Attempt) -> list[Explanation]:
+    """One delay from the poles that one which varies led to: its own may be those of no delay."""
+    wandering = [one for one in found if one.rival.exact and one.rival.code == "varying"]
+    late = [one for one in found if one.rival.code == "delay" and not one.rival.exact]
+    if not (late and wandering and max(wandering, key=lambda one: one.gain).is_clear):
+        return []
+    first = max(late, key=lambda one: one.gain).rival
+    (end,) = max(wandering, key=lambda one: one.gain).attempts
+    every = (first, *neighbours(present, first))
+    return _fitted((replace(one, starts=((end.point.poles,),)) for one in every), base)
+
+
 def _lines_again(
     found: Sequence[Explanation], present: Present, base: Attempt
 ) -> list[Explanation]:
@@ -257,16 +273,26 @@ def _from(present: Present, base: Attempt) -> Present:
     return replace(present, poles=base.point.poles, noise=base.point.problem.noise)
 
 
-def _rivals(present: Present, fitted: Sequence[Array], only: str) -> dict[str, list[Rival]]:
-    """Of every code but lost rows, or of one, those that promise most."""
+def _rivals(
+    present: Present, fitted: Sequence[Array], only: str, free: bool
+) -> dict[str, list[Rival]]:
+    """Of every code but lost rows, or of one, those that promise most.
+
+    Where the delay is free there is none to be added to it.
+    """
+    asked = only in ("", "delay", "varying") and not free
+    late = list(delay_rivals(present)) if asked else []
     makers: tuple[tuple[tuple[str, ...], Callable[[], Iterable[Rival]]], ...] = (
         (("intersample",), lambda: _intersample_rivals(present)),
         (("input-noise", "intersample"), lambda: pulse_rivals(present)),
         (("input-noise",), lambda: level_rivals(present)),
-        (("delay",), lambda: delay_rivals(present)),
+        (("channel-changes",), lambda: break_rivals(present, fitted)),
+        (("delay",), lambda: late),
+        (("delay",), lambda: early_rivals(present)),
         (("saturation",), lambda: saturation_rivals(present, fitted)),
         (("nonlinear",), lambda: nonlinear_rivals(present, fitted)),
         (("varying", "disagreeing-experiments"), lambda: varying_rivals(present)),
+        (("varying",), lambda: wandering_rivals(present, late)),
         (("drift",), lambda: drift_rivals(present)),
         (("drift",), lambda: slow_rivals(present)),
         (("order-low",), lambda: order_rivals(present)),
@@ -276,10 +302,13 @@ def _rivals(present: Present, fitted: Sequence[Array], only: str) -> dict[str, l
         for rival in make() if not only or only in codes else ():
             if rival.code == (only or rival.code):
                 sorted_.setdefault(rival.code, []).append(rival)
-    return {
-        code: own if len(own) <= FOLLOWED else sorted(own, key=_promised)[:FOLLOWED]
-        for code, own in sorted_.items()
-    }
+    return {code: own if len(own) <= FOLLOWED else _followed(own) for code, own in sorted_.items()}
+
+
+def _followed(own: Sequence[Rival]) -> list[Rival]:
+    """Those that promise most, and what is exact."""
+    plain = sorted((rival for rival in own if not rival.exact), key=_promised)[:FOLLOWED]
+    return [*plain, *(rival for rival in own if rival.exact)]
 
 
 def _promised(rival: Rival) -> float:
@@ -320,9 +349,7 @@ def _attempted(rival: Rival) -> tuple[Attempt, ...] | None:
             return None
         if end is None:
             return None
-        if rival.gap is not None:
-            end = with_gap(end, rival.gap)
-        found.append(end if rival.limits is None else with_limits(end, rival.limits))
+        found.append(end if rival.behind is None else rival.behind(end))
     return tuple(found)
 
 

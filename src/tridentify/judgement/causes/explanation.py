@@ -36,6 +36,9 @@ AS_MUCH = 0.9
 of the coefficients, which follow what is slow as well where the input is as slow or moves in a few
 places only."""
 
+FOLLOW = ("nonlinear", "order-low")
+"""Causes that follow whatever has an instant or a delay of its own, with more freedom."""
+
 ALONE = 0.5
 """Share of the gain of lost rows that no other cause may reach: cuts in a record explain a little
 of everything that is not noise."""
@@ -130,8 +133,9 @@ class Explanations:
             and not self._is_a_bend(one)
             and not self._is_needless(one)
         ]
-        if not clear:
-            return None
+        clear = self._without_exact(clear)
+        if not clear or clear[0].rival.exact:
+            return next(iter(clear), None)
         enough = MOST_OF_IT * clear[0].gain
         rank = list(CODES)
         code = min((one.rival.code for one in clear if one.gain >= enough), key=rank.index)
@@ -152,6 +156,19 @@ class Explanations:
             # what bends in another way is another cause, and not a simpler one
             near = [one for one in near if one.rival.what == own[0].rival.what]
         return min(near, key=lambda one: (one.unknowns, -one.gain))
+
+    @staticmethod
+    def _without_exact(clear: Sequence[Explanation]) -> list[Explanation]:
+        """The exact cause alone where it explains clearly more than the others, or these."""
+        others = [one for one in clear if not one.rival.exact]
+        exact = next((one for one in clear if one.rival.exact), None)
+        loose = max((one.gain for one in others if one.rival.code in FOLLOW), default=0.0)
+        # a system that changes slowly is followed by a change at one instant almost as well
+        halves = max((one.gain for one in others if one.rival.code == "varying"), default=0.0)
+        known = (*FOLLOW, "varying")
+        strict = max((one.gain for one in others if one.rival.code not in known), default=0.0)
+        least = max(AS_MUCH * loose, halves, strict / NEARLY, strict + CLEARLY)
+        return [exact] if exact is not None and exact.gain > least else others
 
     def _is_slow(self, code: str, clear: Sequence[Explanation]) -> bool:
         """Whether what is slow explains as much as a bend or a change of the coefficients.

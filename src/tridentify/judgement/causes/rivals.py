@@ -12,11 +12,12 @@ state of its own; *disagreeing experiments* likewise.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tridentify.judgement.causes.attempt import Attempt
 from tridentify.judgement.causes.direct_part import has_direct_part
 from tridentify.judgement.causes.inner_states import against, gripping, inner_states, turns
 from tridentify.judgement.causes.present import Present
@@ -68,24 +69,6 @@ class Limits:
 
 
 @dataclass(frozen=True, eq=False)
-class Gap:
-    """What one output is driven through.
-
-    Attributes
-    ----------
-    output : int
-    half : float
-        Half of the gap, in the unit of the output.
-    records : tuple of Record
-        As recorded; a rival is fitted to the motion before the gap.
-    """
-
-    output: int
-    half: float
-    records: tuple[Record, ...]
-
-
-@dataclass(frozen=True, eq=False)
 class Rival:
     """One explanation that may be tried.
 
@@ -108,15 +91,18 @@ class Rival:
         What choosing it among many costs beside its unknowns, in ``-2 log L``.
     times : tuple of float
         Instants that it names [s].
-    limits : Limits or None
-        Between what an output stays.
-    gap : Gap or None
-        What an output is driven through.
     changes : int
         Remedies that it takes together.
     calms : bool
         Whether it takes away small moves of an input, in which feedback shows: it does not compete
         with that.
+    exact : bool
+        Whether it says one thing of the recording that little else can stand for: it is the cause
+        where it explains most, and none where anything else explains as much.
+    behind : callable or None
+        From where a fit to other samples ended to how it compares on those that were recorded.
+    headline : str
+        What it is called, where it is not what its code says.
     """
 
     code: str
@@ -127,10 +113,11 @@ class Rival:
     refits: bool = True
     price: float = 0.0
     times: tuple[float, ...] = ()
-    limits: Limits | None = None
-    gap: Gap | None = None
     changes: int = 1
     calms: bool = False
+    exact: bool = False
+    behind: Callable[[Attempt], Attempt] | None = None
+    headline: str = ""
 
 
 def one(code: str, present: Present, what: str, advice: str, *, refits: bool = True) -> Rival:

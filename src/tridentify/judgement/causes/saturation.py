@@ -7,13 +7,15 @@ all samples: beyond a level the residual is the distance from the level. The mod
 samples those are, not the noise, so that nothing is selected by it.
 
 *An input.* What acted is ``min(max(u, low), high)`` of the recorded input, of levels that promise
-most.
+most; or what follows the recorded input no faster than at some rate, averaged over each sample
+where that is held.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -44,6 +46,15 @@ LEAST = 0.02
 FEWEST_INSIDE = 0.4
 """Share of the samples that have to lie within the limits."""
 
+RATES = np.geomspace(1.0, 256.0, 9)
+"""Samples in which a limited rate takes an actuator through all of its range."""
+
+SHARE = 0.25
+"""Of a record, that it takes at most."""
+
+FINER = (2**0.5, 2**0.25, 2**0.125, 2**0.0625)
+"""Factors by which the rate is looked for beside the best of these."""
+
 LEVELS = 6
 """Values of an input from which a limit can be told from a smaller gain."""
 
@@ -62,15 +73,15 @@ def saturation_rivals(present: Present, fitted: Sequence[Array]) -> Iterator[Riv
         if found is not None:
             yield found
     for j in range(present.records[0].n_inputs):
-        found = _of_input(present, j)
-        if found is not None:
-            yield found
+        for found in (_of_input(present, j), _of_rate(present, j)):
+            if found is not None:
+                yield found
 
 
-def with_limits(end: Attempt, limits: Limits) -> Attempt:
+def with_limits(limits: Limits, end: Attempt) -> Attempt:
     """Where a fit to the samples within the limits ended, compared on all of them."""
     i = limits.output
-    recorded, left = [], []
+    recorded, left, shown = [], [], []
     pairs = zip(limits.records, end.point.outputs(), end.point.problem.experiments, strict=True)
     for record, outputs, experiment in pairs:
         y = np.array(experiment.y)
@@ -79,11 +90,12 @@ def with_limits(end: Attempt, limits: Limits) -> Attempt:
         limited[:, i] = np.clip(outputs[:, i], limits.low, limits.high)
         recorded.append(y)
         left.append(y - limited)
+        shown.append(limited)
     return replace(
         end,
         deviance=refitted_noise(end, left),
         unknowns=end.unknowns + limits.count,
-        limited=Limited(tuple(recorded), tuple(left)),
+        limited=Limited(tuple(recorded), tuple(left), tuple(shown)),
     )
 
 
@@ -163,7 +175,7 @@ def _of_output(present: Present, fitted: Sequence[Array], i: int) -> Rival | Non
         f"Mark the samples of {name} at the limit as missing (record.mask; --missing), or record "
         "again with a wider range.",
     )
-    return replace(rival, starts=((poles, present.poles),), limits=limits)
+    return replace(rival, starts=((poles, present.poles),), behind=partial(with_limits, limits))
 
 
 def _limits(records: Sequence[Record], outputs: Sequence[Array], i: int) -> Limits | None:
@@ -214,6 +226,100 @@ def _clipped(present: Present, j: int, low: float, high: float) -> Present:
         u[:, j] = np.clip(u[:, j], low, high)
         records.append(record._derive(u=u))
     return replace(present, records=tuple(records))
+
+
+def _of_rate(present: Present, j: int) -> Rival | None:
+    """An actuator that follows an input no faster than at a rate."""
+    if any(record.dt is None for record in present.records):
+        return None
+    values = np.concatenate([record.u[:, j] for record in present.records])
+    size, shortest = float(np.ptp(values)), min(record.n_samples for record in present.records)
+    if not size > 0.0:
+        return None
+    plain = replace(present, noise=())
+    starts = [plain, replace(plain, delay=np.zeros_like(plain.delay))][: 1 + plain.delay.any()]
+    known: dict[tuple[int, float], Attempt | None] = {}
+
+    def at(which: int, samples: float) -> float:
+        key = which, samples
+        if key not in known:
+            part = _limited_rate(starts[which], j, size / samples)
+            try:
+                known[key] = attempt(
+                    part.problem(), [present.poles], present.orders, steps=STEPS, rounds=0
+                )
+            except TridentifyError:
+                known[key] = None
+        end = known[key]
+        return np.inf if end is None else end.deviance / end.count
+
+    grid = RATES[shortest * SHARE > RATES]
+    tried = [(k, float(samples)) for k in range(len(starts)) for samples in grid]
+    if not tried:
+        return None
+    which, samples = min(tried, key=lambda one: at(*one))
+    for step in FINER:
+        near = (samples / step, samples, samples * step)
+        samples = min(near, key=lambda one: at(which, one))
+    end = known[which, samples]
+    if end is None:
+        return None
+    name, part = present.records[0].input_names[j], replace(starts[which], noise=present.noise)
+    rate = size / samples / present.step
+    found = one(
+        "saturation",
+        _limited_rate(part, j, size / samples),
+        f"an actuator that follows {name} no faster than at {rate:.3g} per second (a limit of its "
+        "rate)",
+        f"Use the measured position of the actuator as the input, or a {name} that moves no faster "
+        "than that; no delay and no order stands for it.",
+    )
+    price = 2.0 * (1.0 + float(np.log(len(known))))
+    return replace(
+        found,
+        starts=((end.point.poles, present.poles),),
+        price=price,
+        exact=True,
+        headline="an actuator is at the limit of its rate",
+    )
+
+
+def _limited_rate(present: Present, j: int, most: float) -> Present:
+    """With what follows an input by no more than `most` a sample."""
+    records = []
+    for record in present.records:
+        u = np.array(record.u)
+        u[:, j] = following(u[:, j], most, held=record.behaviour == "zoh")
+        records.append(record._derive(u=u))
+    return replace(present, records=tuple(records))
+
+
+def following(u: Array, most: float, *, held: bool) -> Array:
+    """What follows an input by no more than some amount a sample.
+
+    Parameters
+    ----------
+    u : (n,) array
+    most : float
+    held : bool
+        Whether the input is held over each sample; the average of what follows over each is given
+        then.
+
+    Examples
+    --------
+    >>> u = np.array([0.0, 1.0, 1.0, 1.0])
+    >>> following(u, 0.5, held=False).tolist(), following(u, 0.5, held=True).tolist()
+    ([0.0, 0.5, 1.0, 1.0], [0.0, 0.25, 0.75, 1.0])
+    """
+    found = np.empty(u.size)
+    place = float(u[0])
+    for k, wanted in enumerate(u.tolist()):
+        away = wanted - place
+        reached = wanted if abs(away) <= most else place + (most if away > 0 else -most)
+        moves = abs(reached - place) / most
+        found[k] = reached - 0.5 * (reached - place) * moves if held else reached
+        place = reached
+    return found
 
 
 def _in_words(low: float, high: float) -> str:

@@ -112,7 +112,8 @@ def _beside_causes(seen: Sequence[Finding], tested: Sequence[Finding]) -> list[F
     robust loss would only keep what the cause bends.
     """
     bent = {name for one in tested if one.code in BENDS and one.effect for name in one.outputs}
-    bent -= {name for one in tested if one.code == "bad-samples" for name in one.outputs}
+    bad = [one for one in tested if one.code == "bad-samples" and one.matters]
+    bent -= {name for one in bad for name in one.outputs}
     return [one for one in seen if one.code != "bad-samples" or not set(one.outputs) <= bent]
 
 
@@ -128,14 +129,15 @@ def _may_be_held(one: Finding, records: Sequence[Record], step: float) -> bool:
 def _beside_hanging(
     tested: Sequence[Finding], hung: Sequence[Finding], step: float
 ) -> list[Finding]:
-    """Without bad samples and lost rows where a sensor hangs: they are said with it."""
+    """Without bad samples and lost rows where a sensor hangs, nor another channel from there on."""
     still = np.array([t for one in hung if one.code == "stuck-sensor" for t in one.times])
 
     def there(one: Finding) -> bool:
         return all(bool(np.any(np.abs(still - t) < 1.5 * step)) for t in one.times)
 
     at_all = ("bad-samples", "lost-rows")
-    return [one for one in tested if one.code not in at_all or not one.times or not there(one)]
+    kept = [one for one in tested if one.code not in at_all or not one.times or not there(one)]
+    return [one for one in kept if not still.size or one.code != "channel-changes"]
 
 
 MOVING = ("feedback", "nonlinear", "saturation", "delay", "intersample")

@@ -348,8 +348,8 @@ def _judge(estimate: Estimate, view: View, level: float, n_lags: int) -> Validat
         transfer,
         KnownCauses(estimate, explained, tried.again, tried.without_bad),
     )
-    if estimate.loss != "squared":
-        # a robust loss does not follow them
+    if estimate.loss != "squared" or tried.wanders:
+        # a robust loss does not follow them, and a delay that varies leaves some that it makes
         found = tuple(replace(f, severity="note") if f.code == "bad-samples" else f for f in found)
     fit, r2 = _fits(view)
     return _assemble(

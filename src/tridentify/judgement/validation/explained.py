@@ -33,6 +33,7 @@ WITHOUT_THEM = "Without them"
 
 HEADLINES = {
     "lost-rows": "rows were lost there",
+    "channel-changes": "a channel changes",
     "input-noise": "a recorded input carries noise that did not act",
     "intersample": "between its samples the input is not what it is taken for",
     "delay": "a delay is missing",
@@ -45,7 +46,7 @@ HEADLINES = {
 }
 """Code of a cause that can be fitted -> what it is called."""
 
-SPOILS = ("lost-rows", "intersample", "delay")
+SPOILS = ("lost-rows", "channel-changes", "intersample", "delay")
 """Causes with which the numbers are wrong, not only less sure."""
 
 ALONE = 12.0
@@ -241,7 +242,9 @@ def finding_of(
     if rival.code == "order-low":
         return _order_low(found, explained, estimate, outputs, where)
     verb = "explain" if rival.code == "lost-rows" else "explains"
-    message = f"{where}: {HEADLINES[rival.code]}. {TRIED}, {rival.what} {verb} it best."
+    message = (
+        f"{where}: {rival.headline or HEADLINES[rival.code]}. {TRIED}, {rival.what} {verb} it best."
+    )
     message += _not_told_from(found, explained)
     remedy, effect = rival.advice, _effect(found, explained, estimate)
     if rival.code == "drift" and not rival.refits:
@@ -417,15 +420,13 @@ def still_far(found: Explanation, view: View, output: int, rows: Array) -> Array
     """
     if not same_records(found):
         return rows
-    (end,), limits = found.attempts, found.rival.limits
+    (end,) = found.attempts
     if len(end.point.problem.experiments) != len(view.records):
         return rows
     kept = []
     for e, t, _ in rows:
         k = int(np.argmin(np.abs(view.records[int(e)].t - t)))
-        there = float(end.point.outputs()[int(e)][k, output])
-        if limits is not None and limits.output == output:
-            there = float(np.clip(there, limits.low, limits.high))
+        there = float(end.outputs()[int(e)][k, output])
         seen = view.outputs[output]
         left = abs(float(seen.y[int(e)][k]) - there)
         kept.append(not left < MOSTLY * abs(float(seen.residual[int(e)][k])))

@@ -13,6 +13,7 @@ from scipy.special import bdtrc
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.causes.attempt import Attempt
+from tridentify.judgement.causes.breaks import steps
 from tridentify.judgement.causes.explanation import Explanation, Explanations
 from tridentify.judgement.causes.feedback import (
     Inputs,
@@ -104,6 +105,12 @@ class TriedCauses:
     def named(self) -> Explanation | None:
         """The cause that explains most."""
         return None if self.explained is None else self.explained.named
+
+    @property
+    def wanders(self) -> bool:
+        """Whether it is a delay that varies."""
+        named = self.named
+        return named is not None and named.rival.exact and named.rival.code == "varying"
 
     @property
     def cause(self) -> str:
@@ -244,7 +251,8 @@ def _tried(
     explained = None
     called = any(_called(one) or one.feedback < CALLED for one in evidence)
     hinted = view.own and any(suspicious(view, i, setting.estimate) for i in outputs)
-    if torn or called or hinted or may_react(view):
+    stepped = any(steps(own) for output in view.outputs for own in output.residual)
+    if torn or called or hinted or stepped or may_react(view):
         noises = [one.noise for one in evidence]
         explained = explanations(view, setting.estimate, noises, torn, known=known)
     evidence = _reacting(view, evidence, explained)
