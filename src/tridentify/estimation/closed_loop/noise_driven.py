@@ -166,8 +166,8 @@ class _Turn:
 def colour(loop: Loop, model: TransferFunction) -> Array | None:
     """(n_samples, n_outputs, n_outputs) what is left of each output of one sample of its noises.
 
-    ``1 + q`` of (1) and, where the noise itself is not white, its own response; None where the
-    driven input was not found apart from the noise.
+    ``1 + q`` of (1); None where the driven input was not found apart from the noise, or where the
+    noise itself is not white: models of it and of what is left do not agree in short records.
 
     Parameters
     ----------
@@ -178,13 +178,12 @@ def colour(loop: Loop, model: TransferFunction) -> Array | None:
     if not isinstance(part, Driven) or part.noise is None:
         return None
     turn = _Turn.of(part, part.noise)
-    if turn is None:
+    if turn is None or any(autoregressive([own]).size for own in part.noise.T):
         return None
     seen = _Colour.of(loop, model, turn.order)
-    full = seen.full(turn.on_noise)
-    for j, own in enumerate(part.noise.T):
-        full[:, :, j] /= np.fft.rfft(np.append(1.0, autoregressive([own])), seen.length)[:, None]
-    return np.asarray(np.fft.irfft(full, seen.length, axis=0)[: len(part.noise)])
+    return np.asarray(
+        np.fft.irfft(seen.full(turn.on_noise), seen.length, axis=0)[: len(part.noise)]
+    )
 
 
 def made(loop: Loop, model: TransferFunction) -> Array:

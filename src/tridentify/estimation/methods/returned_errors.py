@@ -27,8 +27,8 @@ error. With ``Z + D`` for instruments in place of ``Z`` the errors would be smal
 ``S`` is one where the model of the noise whitens ``e``. What a continuous controller makes of the
 noise between the samples colours it, which short records hardly show: of 150 samples the order of
 lowest AICc is 0 or 1, and the errors 0.6 to 0.9 times what they should be. But that colour is known
-where the driven input was found apart from the noise (`closed_loop.noise_driven.colour`), and ``S``
-is what the model of the noise leaves of it. Where the fit found its scores scattered, they saw it.
+where the driven input was found apart from white noise (`closed_loop.noise_driven.colour`), and
+``S`` is what the model of the noise leaves of it. Scores that the fit found scattered have seen it.
 
 References: T. Soderstrom & P. Stoica, *Instrumental Variable Methods for System Identification*
 (1983), on the covariance of a root.
