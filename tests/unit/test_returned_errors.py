@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
+from scipy.linalg import toeplitz
 
 from oracles import continuous_loop
-from tridentify import Record, Structure, ThreeModel, TransferFunction
+from tridentify import Record, Structure, ThreeModel, TransferFunction, simulate
 from tridentify.estimation.closed_loop.driven import driven
+from tridentify.estimation.closed_loop.noise_driven import colour
 from tridentify.estimation.methods.output_error import OutputError
 from tridentify.estimation.methods.passes import apart, model_like, root, without_rest
 from tridentify.estimation.methods.reference import Loop
@@ -121,3 +124,33 @@ def test_errors_are_those_of_the_record_where_the_input_is_mostly_noise():
     apart_by = (np.linalg.inv(back) - (np.eye(2) - passed)) * std / std[:, None]
     assert np.abs(passed * std / std[:, None]).max() > 0.1
     assert np.abs(apart_by).max() < 0.03
+
+
+def test_what_the_controller_makes_of_noise_between_samples_colours_the_errors():
+    """The colour by one sample of noise in the loop itself; the errors with its whole matrix."""
+    _, found = rooted(record_of(6))
+    loop = found.loops[0]
+    estimate = replace(found.estimate, errors="likelihood")
+    pulse = np.eye(1, N)[0]
+    u, y = continuous_loop(CHANNEL, PI, np.zeros(N), pulse, DT)
+    made = simulate(TransferFunction(*CHANNEL), Record(u, np.zeros(N), dt=DT))[:, 0]
+    response = colour(loop, estimate.model)[:, 0, 0]
+    assert abs(y - made)[1] > 0.3
+    np.testing.assert_allclose(response, y - made, atol=0.04)
+
+    z = np.column_stack(
+        [
+            simulate(model_like(estimate, np.array(estimate.theta) + h), loop.instrument)[:, 0]
+            - simulate(estimate.model, loop.instrument)[:, 0]
+            for h in np.diag(estimate.std)
+        ]
+    )
+    z = z / estimate.std
+    by_hand = np.linalg.inv(z.T @ z) * estimate.noise_variance[0]
+    estimate = replace(estimate, cov=by_hand)
+    whole = toeplitz(response, np.zeros(N)) / np.linalg.norm(response)
+    middle = by_hand @ z.T @ whole @ whole.T @ z @ by_hand / estimate.noise_variance[0]
+    back = returned(found)[0]
+    after = with_returned_errors(replace(found, estimate=estimate))[0].estimate
+    np.testing.assert_allclose(after.std, np.sqrt(np.diag(back @ middle @ back.T)), rtol=0.03)
+    assert np.max(after.std / np.sqrt(np.diag(back @ by_hand @ back.T))) > 1.3

@@ -127,10 +127,11 @@ class Linear:
         return self.is_bounded and bool(np.isfinite(self.slopes).all())
 
     def step(self) -> tuple[Array, Array, Array]:
-        """Change of all unknowns, the residual beside start and offset, and ``R`` of the columns.
+        """Change of all unknowns, the residual beside start and offset, and what it is divided by.
 
         Newton's step for the root, with the derivatives of all of ``e`` beside the instruments;
-        where these hardly know them, that of the driven part alone.
+        where these hardly know them, that of the driven part alone. They are what orthonormal
+        instruments see of them, so that errors of the root are those of white noise divided by it.
         """
         matrix = np.hstack([self.slopes, self.rest])
         # of a plant that runs away the squares are beyond the largest float
@@ -145,7 +146,7 @@ class Linear:
             full = r
         change = np.linalg.lstsq(full, q.T @ self.errors, rcond=1e-13)[0] / scale
         own = np.linalg.qr(self.rest)[0]
-        return change, self.errors - own @ (own.T @ self.errors), r * scale
+        return change, self.errors - own @ (own.T @ self.errors), full * scale
 
 
 def linear_errors(

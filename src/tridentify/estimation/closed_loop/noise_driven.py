@@ -37,6 +37,7 @@ from tridentify.estimation.closed_loop.driven import (
     starting,
     widest,
 )
+from tridentify.estimation.closed_loop.unstable import autoregressive
 from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
@@ -162,6 +163,29 @@ class _Turn:
         )
 
 
+def colour(loop: Loop, model: TransferFunction) -> Array | None:
+    """(n_samples, n_outputs, n_outputs) what is left of each output of one sample of its noises.
+
+    ``1 + q`` of (1); None where the driven input was not found apart from the noise, or where the
+    noise itself is not white: models of it and of what is left do not agree in short records.
+
+    Parameters
+    ----------
+    loop : Loop
+    model : TransferFunction
+    """
+    part = loop.driven
+    if not isinstance(part, Driven) or part.noise is None:
+        return None
+    turn = _Turn.of(part, part.noise)
+    if turn is None or any(autoregressive([own]).size for own in part.noise.T):
+        return None
+    seen = _Colour.of(loop, model, turn.order)
+    return np.asarray(
+        np.fft.irfft(seen.full(turn.on_noise), seen.length, axis=0)[: len(part.noise)]
+    )
+
+
 def made(loop: Loop, model: TransferFunction) -> Array:
     """(n_samples, n_outputs) what a model makes of the input, as the loop knows it."""
     return np.asarray(simulate(model, loop.instrument) + loop.beside(model))
@@ -211,14 +235,16 @@ class _Colour:
         weights : (n_outputs * (order + 1), n_inputs) array
             The noise itself first, then its operators, those of one output after the other.
         """
-        count = e.shape[1]
+        seen = np.fft.rfft(e, self.length, axis=0)
+        found = np.linalg.solve(self.full(weights), seen[:, :, None])[:, :, 0]
+        return np.asarray(np.fft.irfft(found, self.length, axis=0)[: len(e)])
+
+    def full(self, weights: Array) -> np.ndarray:
+        """(n_frequencies, n_outputs, n_outputs) transform of ``1 + q``; weights as in `noise`."""
+        count = self.spectra.shape[1]
         own = weights[count:].reshape(count, -1, weights.shape[1]).swapaxes(0, 1)
         table = np.concatenate([weights[None, :count], own])
-        q = np.einsum("fokj,knj->fon", self.spectra, table)
-        full = np.eye(count) + q
-        seen = np.fft.rfft(e, self.length, axis=0)
-        found = np.linalg.solve(full, seen[:, :, None])[:, :, 0]
-        return np.asarray(np.fft.irfft(found, self.length, axis=0)[: len(e)])
+        return np.asarray(np.eye(count) + np.einsum("fokj,knj->fon", self.spectra, table))
 
 
 def _most_beside_noise(record: Record) -> int:
