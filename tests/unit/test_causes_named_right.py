@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 from scipy.signal import lfilter, lsim
 
 from tridentify import Record, Structure, TransferFunction, identify, simulate
@@ -369,3 +370,46 @@ def with_a_fast_pole(seed):
 )
 def test_a_missing_pole_is_no_delay(seed):
     assert first_of(with_a_fast_pole(seed)).code == "order-low"
+
+
+def fed_back(seed):
+    """A proportional controller, sampled with the record, whose sensor is noisy."""
+    rng = np.random.default_rng(seed)
+    w, z = rng.uniform(1.0, 8.0), rng.uniform(0.2, 0.6)
+    dt, n = 2.0 * np.pi / w / 30.0, 700
+    (a, b), gain = discrete(w, z, dt), rng.uniform(0.4, 1.0)
+    reference = np.repeat(rng.choice([-1.0, 1.0], n // 10), 10)
+    noise = lfilter([0.7], [1.0, -0.7], 0.3 * rng.standard_normal(n))
+    x, u, y = np.zeros(2), np.zeros(n), np.zeros(n)
+    for k in range(n):
+        y[k] = x[0] + noise[k]
+        u[k] = reference[k] - gain * y[k]
+        x = a @ x + b * u[k]
+    return Record(u, y, dt=dt)
+
+
+def discrete(w, z, dt):
+    """Held, a resonance of gain one: its matrices in position and speed."""
+    whole = np.zeros((3, 3))
+    whole[:2] = [[0.0, 1.0, 0.0], [-w * w, -2.0 * z * w, w * w]]
+    found = expm(whole * dt)
+    return found[:2, :2], found[:2, 2]
+
+
+@pytest.mark.parametrize(
+    "seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in range(2, 9))]
+)
+def test_a_fit_that_feedback_bends_makes_no_bad_samples(seed):
+    estimate = identify(fed_back(seed), Structure(2, 0))
+    assert "feedback" in [one.code for one in estimate.findings if one.matters]
+    assert "bad-samples" not in [one.code for one in estimate.findings]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(1, 5))
+def test_a_spike_inside_a_loop_stays_a_bad_sample(seed):
+    record = fed_back(seed)
+    y = record.y[:, 0].copy()
+    y[[200, 450]] += 3.0
+    estimate = identify(Record(record.u, y, dt=record.dt), Structure(2, 0))
+    assert "bad-samples" in [one.code for one in estimate.findings]

@@ -41,7 +41,7 @@ IMPORTS = [
 @pytest.mark.parametrize(
     "statement", [*IMPORTS[:3], *(pytest.param(s, marks=pytest.mark.slow) for s in IMPORTS[3:])]
 )
-@pytest.mark.parametrize("name", ["identify", pytest.param("simulate", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["identify"])
 @pytest.mark.fast(
     "identify-from tridentify.{name} import {name}",
     "identify-import tridentify.{name}",

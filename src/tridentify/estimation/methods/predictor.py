@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.information import aicc_price
@@ -75,6 +76,25 @@ def forecasts(pairs: Sequence[tuple[Array, Array]]) -> tuple[Forecast, ...]:
     return tuple(_predictor(pairs, i) for i in range(pairs[0][1].shape[1]))
 
 
+def forecast_errors(u: Array, y: Array, output: int) -> Array:
+    """(n_samples,) what the past alone does not tell of an output; ``nan`` where there is no past.
+
+    Parameters
+    ----------
+    u : (n_samples, n_inputs) array
+    y : (n_samples, n_outputs) array
+        ``nan`` marks a missing sample.
+    output : int
+    """
+    pairs, errors = [(u, y)], np.full(y.shape[0], np.nan)
+    p = max(_predictor(pairs, output).noise.size, 1)
+    known, now, seen = _regression(pairs, output, p, p, 1)
+    if known.shape[0] > known.shape[1] + 1:
+        fitted = np.linalg.lstsq(known, now, rcond=1e-12)[0]
+        errors[p:][seen] = now - known @ fitted
+    return errors
+
+
 def predictor_noise(pairs: Sequence[tuple[Array, Array]]) -> tuple[Array, ...]:
     """Autoregressive coefficients of every output's noise.
 
@@ -100,7 +120,7 @@ def _predictor(pairs: Sequence[tuple[Array, Array]], output: int) -> Forecast:
     orders = [p for p in ORDERS if PER_COLUMN * (p * (1 + n_inputs) + n_inputs + 1) < rows - 2 * p]
     first = max(orders, default=0)
     for p in orders:
-        known, now = _regression(pairs, output, p, first)
+        known, now, _ = _regression(pairs, output, p, first)
         if known.shape[0] <= known.shape[1] + 1:
             break
         fitted = np.asarray(np.linalg.lstsq(known, now, rcond=1e-12)[0], dtype=np.float64)
@@ -116,9 +136,12 @@ def _criterion(left: float, unknowns: float, count: float) -> float:
 
 
 def _regression(
-    pairs: Sequence[tuple[Array, Array]], output: int, p: int, first: int
-) -> tuple[Array, Array]:
-    """Past of the output, inputs, and a level of each experiment's own; the output."""
+    pairs: Sequence[tuple[Array, Array]], output: int, p: int, first: int, acts: int = 0
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Past of the output, inputs from so many samples ago, and a level of each experiment's own.
+
+    Beside these the output, and of which samples all that is there.
+    """
     blocks, targets = [], []
     for e, (u, y) in enumerate(pairs):
         rows = y.shape[0] - first
@@ -126,14 +149,14 @@ def _regression(
             continue
         own = y[:, output]
         past = [own[first - lag : first - lag + rows] for lag in range(1, p + 1)]
-        moved = [u[first - lag : first - lag + rows] for lag in range(p + 1)]
+        moved = [u[first - lag : first - lag + rows] for lag in range(acts, p + 1)]
         levels = np.zeros((rows, len(pairs)))
         levels[:, e] = 1.0
         blocks.append(np.column_stack([*past, *moved, levels]))
         targets.append(own[first:])
     known, now = np.vstack(blocks), np.concatenate(targets)
     seen = np.isfinite(now) & np.all(np.isfinite(known), axis=1)
-    return known[seen], now[seen]
+    return known[seen], now[seen], seen
 
 
 def _stationary(a: Array) -> Array:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import bdtrc
 
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.methods.predictor import forecast_errors
 from tridentify.judgement.causes.attempt import Attempt
 from tridentify.judgement.causes.breaks import steps
 from tridentify.judgement.causes.explanation import Explanation, Explanations
@@ -56,6 +57,10 @@ MOSTLY_ALONE = 0.7
 COINCIDENCE = 0.01
 """Probability, of places at random, from which it is one that so many follow a jump: two spikes
 both do in one record of fifteen where the input jumps every tenth sample."""
+
+UNFORESEEN = 4.0
+"""Standard deviations of what the past does not tell of an output from which a sample is bad where
+the input reacts to it: of Gaussian noise one in sixteen thousand."""
 
 FADED = 0.5
 """Share of the far samples that may be left beside a cause that they come from."""
@@ -461,6 +466,19 @@ def _with_bad_samples_alone(view: View, found: Evidence) -> Evidence:
     return _with_outliers(found, rows[kept])
 
 
+def _unforeseen(view: View, index: int, found: Evidence) -> Evidence:
+    """Without far samples that the past foretells: where the input reacts the fit is bent."""
+    rows = found.normality.outliers
+    if not len(rows) or not found.feedback < CALLED:
+        return found
+    errors = [forecast_errors(record.u, record.y, index) for record in view.records]
+    known = np.concatenate(errors)
+    known = known[np.isfinite(known)]
+    far = UNFORESEEN * median_scale(known) if known.size else 0.0
+    sizes = [errors[int(e)][np.argmin(np.abs(view.records[int(e)].t - t))] for e, t, _ in rows]
+    return _with_outliers(found, rows[~(np.abs(sizes) < far)])
+
+
 def _after_a_jump(record: Record) -> NDArray[np.bool_]:
     """Which samples follow a jump of an input."""
     jumps = np.diff(record.u, axis=0, prepend=record.u[:1]).any(axis=1)
@@ -485,7 +503,7 @@ def _tested(view: View, index: int, setting: _Setting) -> Evidence:
     whole = view, index, None
     if whole not in known:
         known[whole] = examine(view, index, estimate, n_lags, rate)
-    found = _with_bad_samples_alone(view, known[whole])
+    found = _unforeseen(view, index, _with_bad_samples_alone(view, known[whole]))
     if torn and len(found.normality.outliers):
         found = _with_outliers(found, _after(torn, view, found.normality.outliers))
     if not len(found.normality.outliers) or found.past < CALLED:
