@@ -377,7 +377,7 @@ def fed_back(seed):
     rng = np.random.default_rng(seed)
     w, z = rng.uniform(1.0, 8.0), rng.uniform(0.2, 0.6)
     dt, n = 2.0 * np.pi / w / 30.0, 700
-    (a, b), gain = discrete(w, z, dt), rng.uniform(0.4, 1.0)
+    (a, b), gain = discrete(w, z, dt), rng.uniform(0.8, 1.5)
     reference = np.repeat(rng.choice([-1.0, 1.0], n // 10), 10)
     noise = lfilter([0.7], [1.0, -0.7], 0.3 * rng.standard_normal(n))
     x, u, y = np.zeros(2), np.zeros(n), np.zeros(n)

@@ -23,6 +23,9 @@ from tridentify.numerics.information import aicc_price
 ORDERS = (1, 2, 3, 4, 6, 8, 12, 16, 24)
 """Lags that are tried."""
 
+SHORT = 4
+"""Lags that foretell most of an output, so that all but the first samples have a past."""
+
 PER_COLUMN = 4
 """Samples for each column, at least."""
 
@@ -86,9 +89,8 @@ def forecast_errors(u: Array, y: Array, output: int) -> Array:
         ``nan`` marks a missing sample.
     output : int
     """
-    pairs, errors = [(u, y)], np.full(y.shape[0], np.nan)
-    p = max(_predictor(pairs, output).noise.size, 1)
-    known, now, seen = _regression(pairs, output, p, p, 1)
+    errors, p = np.full(y.shape[0], np.nan), SHORT
+    known, now, seen = _regression([(u, y)], output, p, p, 1)
     if known.shape[0] > known.shape[1] + 1:
         fitted = np.linalg.lstsq(known, now, rcond=1e-12)[0]
         errors[p:][seen] = now - known @ fitted
