@@ -139,7 +139,7 @@ def test_what_the_noise_drives_makes_it_more_precise() -> None:
     """Strong noise in a sampled loop: by the mean square of errors and by what is claimed."""
     errors, claimed = {"given": [], "sampled": []}, {"given": [], "sampled": []}
     for seed in range(60):
-        record = sampled(seed, 600, 0.5)[0]
+        record = sampled(seed, 600, 0.8)[0]
         for name, law in (("given", LAW), ("sampled", "sampled")):
             method = ThreeModel(controller=law, noise="white", finish="likelihood")
             found = method.estimate([record], Structure(2, 1))

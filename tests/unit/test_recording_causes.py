@@ -1,5 +1,7 @@
 """Causes that lie in how a record was made: clocks, delays that vary, limits of a rate, units."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter
@@ -93,7 +95,7 @@ CASES = {
     "output early": (with_output_early, "delay", "0.2 s (2 samples) before the input"),
     "degrees": (with_degrees, "channel-changes", "as from radians to degrees"),
     "input gain": (with_input_gain, "channel-changes", "u that changes its scale, to 1.7"),
-    "output level": (with_output_level, "channel-changes", "y that changes its level, by 0.8"),
+    "output level": (with_output_level, "channel-changes", "y that changes its level, by 0."),
     "input level": (with_input_level, "channel-changes", "u that changes its level"),
 }
 
@@ -106,6 +108,9 @@ def test_what_the_recording_did_is_named_first(kind):
     found = identify(Record(u, y, dt=DT), Structure(2, 0)).findings[0]
     assert found.code == code
     assert words in found.message
+    if kind == "output level":
+        (size,) = re.findall(r"by ([\d.]+), at", found.message)
+        assert float(size) == pytest.approx(0.8, abs=0.02)
 
 
 def test_the_instant_of_a_changed_unit_is_told():
