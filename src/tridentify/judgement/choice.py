@@ -32,7 +32,7 @@ from tridentify.judgement.causes.intersample import (
     behaviours,
     better_behaviour,
 )
-from tridentify.judgement.cautions import judged
+from tridentify.judgement.cautions import about_loop, judged
 from tridentify.judgement.cautions.coefficients import coefficient_findings
 from tridentify.judgement.direct import about_direct, predictor_findings
 from tridentify.judgement.validation.reacting_reference import reference_findings
@@ -153,7 +153,8 @@ def with_judgement(
     seen = explained_records(estimate, records)
     if seen is None:
         of_the_plant = coefficient_findings(estimate, list(records))
-        found = ranked([*estimate.findings, *of_the_plant, *predictor_findings(estimate)])
+        known = [*estimate.findings, *of_the_plant, *predictor_findings(estimate)]
+        found = ranked([*known, *about_loop(estimate, records, known)])
     else:
         found = about_direct(judged(estimate, seen, between), estimate, records)
         if estimate.route == "reference":

@@ -74,7 +74,7 @@ def judged(
         # other behaviours let an output follow the sample to come, as it does where that reacts:
         # the tests compared both
         found = [one for one in found if one.code != "intersample"]
-    found += _about_loop(estimate, records, tested)
+    found += about_loop(estimate, records, tested)
     hung: list[Finding] = []
     for number, record in enumerate(records):
         found += _missing(record, number if len(records) > 1 else None)
@@ -188,10 +188,18 @@ def _of_constant_inputs(
     return [], still
 
 
-def _about_loop(
+def about_loop(
     estimate: Estimate, records: Sequence[Record], tested: Sequence[Finding]
 ) -> list[Finding]:
-    """Whether a controller alone moves the inputs, where no reference says what else did."""
+    """Whether a controller alone moves the inputs, where no reference says what else did.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    records : sequence of Record
+    tested : sequence of Finding
+        Of the same records, with feedback where that was found.
+    """
     if estimate.route == "reference" or any(record.dt is None for record in records):
         return []
     reacts = any(one.code == "feedback" for one in tested)

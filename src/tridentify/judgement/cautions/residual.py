@@ -44,10 +44,9 @@ MOSTLY_SLOW = 0.5
 records with white or autoregressive (0.7) noise, nine in ten are below 0.1, and the most is 0.2,
 or 0.37 of one of two short experiments; of 26 in 30 with a slow disturbance, 0.5 to 0.99."""
 
-MEMORIES = 10.0
+MEMORIES = 25.0
 """Memories of the noise model in a record from which what is slow is noise that the record shows
-often enough. Of 120 right records of 150 to 300 samples with a noise pole at 0.85 to 0.93, 11 were
-told of a slow disturbance without this."""
+often enough: what is fitted to a random walk over a record has 15 to 20, or fewer."""
 
 PER_WAVE = 25
 """Samples a wave below which that says nothing: so many of autoregressive noise (0.7) leave 0.2."""
