@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, TransferFunction, identify, simulate
-from tridentify.estimation.search import search
+from tridentify.estimation.search import following
 from tridentify.numerics.realization import cascade, roots_of, row_of
 from tridentify.uncertainty import bootstrap
 
@@ -19,11 +19,13 @@ def test_a_copy_that_ends_at_once_ends_where_the_search_would(monkeypatch):
     record = Record(u, y + 0.05 * np.std(y) * rng.standard_normal(u.size), dt=0.05)
     estimate = identify(record, Structure(2, 0))
     asked = []
-    whole = search.enriched_starts
-    monkeypatch.setattr(search, "enriched_starts", lambda *given: asked.append(1) or whole(*given))
+    whole = following.enriched_starts
+    monkeypatch.setattr(
+        following, "enriched_starts", lambda *given: asked.append(1) or whole(*given)
+    )
     at_once = bootstrap(estimate, record, n_draws=6)
     assert not asked
-    monkeypatch.setattr(search, "CERTAIN", -1.0)
+    monkeypatch.setattr(following, "CERTAIN", -1.0)
     searched = bootstrap(estimate, record, n_draws=6)
     assert asked
     apart = np.abs(at_once.theta - searched.theta) / estimate.std

@@ -242,7 +242,8 @@ def test_what_validation_finds_stands_first(single, tmp_path):
     late = np.roll(single.record.u[:, 0], 6)
     shifted = Record(late, single.record.y, dt=0.02, input_names=["elevator"], output_names=["q"])
     text = write_report(single.estimate, shifted, tmp_path / "r.html").read_text()
-    assert '<section class="verdict caution"' in text
+    # outputs that come before their input are no model's fault, and no use
+    assert '<section class="verdict bad"' in text
     found = validate(single.estimate, shifted)
     assert html.escape(found.findings[0].message) in text[: text.index('<section id="model">')]
 

@@ -31,7 +31,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "another-system": "the record is not of the system that was identified",
         "input-noise": "a recorded input carries noise that did not act",
         "intersample": "another behaviour of the input between its samples explains the record",
-        "delay": "an input acts later than the model says",
+        "delay": "an input acts later, or earlier, than the model says",
         "feedback": "the input reacts to the output",
         "reference-reacts": "a reference reacts to the output",
         "saturation": "values at a limit of the sensor, its converter or the actuator",
