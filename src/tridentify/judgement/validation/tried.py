@@ -8,11 +8,8 @@ from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import bdtrc
 
 from tridentify.estimation.answer.estimate import Estimate
-from tridentify.estimation.methods.predictor import forecast_errors
 from tridentify.judgement.causes.attempt import Attempt
 from tridentify.judgement.causes.breaks import steps
 from tridentify.judgement.causes.explanation import Explanation, Explanations
@@ -40,27 +37,17 @@ from tridentify.judgement.validation.explained import (
     still_far,
     told_alone,
 )
+from tridentify.judgement.validation.far_samples import (
+    with_bad_samples_alone,
+    with_outliers,
+    without_foreseen,
+)
 from tridentify.judgement.validation.likelihood_ratio import CALLED
 from tridentify.judgement.validation.residuals import View, refitted
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.quantiles import median
 from tridentify.numerics.robust import median_scale
-from tridentify.record.record import Record
-
-AFTER_A_JUMP = 3
-"""Samples after a jump of a held input where a far sample is a misfit of the model."""
-
-MOSTLY_ALONE = 0.7
-"""Share of the far samples that stand elsewhere, from which jumps are a coincidence."""
-
-COINCIDENCE = 0.01
-"""Probability, of places at random, from which it is one that so many follow a jump: two spikes
-both do in one record of fifteen where the input jumps every tenth sample."""
-
-UNFORESEEN = 4.0
-"""Standard deviations of what the past does not tell of an output from which a sample is bad where
-the input reacts to it: of Gaussian noise one in sixteen thousand."""
 
 FADED = 0.5
 """Share of the far samples that may be left beside a cause that they come from."""
@@ -225,7 +212,7 @@ def try_causes(view: View, estimate: Estimate, n_lags: int, rate: float) -> Trie
     if whole.cause != without.cause or sum(len(one) for one in rows) > FADED * found:
         return without
     whole = _looked_again(whole, view, setting)
-    evidence = [_with_outliers(*pair) for pair in zip(whole.evidence, rows, strict=True)]
+    evidence = [with_outliers(*pair) for pair in zip(whole.evidence, rows, strict=True)]
     return replace(whole, evidence=evidence)
 
 
@@ -295,7 +282,7 @@ def _looked_again(tried: TriedCauses, given: View, setting: _Setting) -> TriedCa
 
 def _beside(named: Explanation, view: View, i: int, one: Evidence) -> Evidence:
     """Without the bad samples that the cause explains: those beyond a limit are none."""
-    return _with_outliers(one, still_far(named, view, i, one.normality.outliers))
+    return with_outliers(one, still_far(named, view, i, one.normality.outliers))
 
 
 def _ends(tried: TriedCauses) -> tuple[Attempt, ...]:
@@ -432,7 +419,7 @@ def _cleaned(
         if not any(map(len, again)):
             break
         evidence = [
-            _with_outliers(one, np.vstack([one.normality.outliers, rows]))
+            with_outliers(one, np.vstack([one.normality.outliers, rows]))
             for one, rows in zip(evidence, again, strict=True)
         ]
         clean = _all_taken_out(view, evidence)
@@ -445,44 +432,6 @@ def _all_taken_out(view: View, evidence: Sequence[Evidence]) -> View:
         if len(one.normality.outliers):
             view = without_outliers(view, i, one)
     return view
-
-
-def _with_outliers(one: Evidence, rows: Array) -> Evidence:
-    """With other outliers."""
-    return one.having(normality=replace(one.normality, outliers=rows))
-
-
-def _with_bad_samples_alone(view: View, found: Evidence) -> Evidence:
-    """Without far samples that follow a jump of a held input: there the model misses something."""
-    rows = found.normality.outliers
-    if not len(rows) or not is_staircase(view.records):
-        return found
-    follow = [_after_a_jump(record) for record in view.records]
-    kept = np.array([not follow[int(e)][np.argmin(np.abs(view.records[int(e)].t - t))]
-                     for e, t, _ in rows])  # fmt: skip
-    by_chance = bdtrc(np.sum(~kept) - 1, kept.size, float(np.mean(np.concatenate(follow))))
-    if np.mean(kept) > MOSTLY_ALONE or by_chance > COINCIDENCE:
-        return found
-    return _with_outliers(found, rows[kept])
-
-
-def _unforeseen(view: View, index: int, found: Evidence) -> Evidence:
-    """Without far samples that the past foretells: where the input reacts the fit is bent."""
-    rows = found.normality.outliers
-    if not len(rows) or not found.feedback < CALLED:
-        return found
-    errors = [forecast_errors(record.u, record.y, index) for record in view.records]
-    known = np.concatenate(errors)
-    known = known[np.isfinite(known)]
-    far = UNFORESEEN * median_scale(known) if known.size else 0.0
-    sizes = [errors[int(e)][np.argmin(np.abs(view.records[int(e)].t - t))] for e, t, _ in rows]
-    return _with_outliers(found, rows[~(np.abs(sizes) < far)])
-
-
-def _after_a_jump(record: Record) -> NDArray[np.bool_]:
-    """Which samples follow a jump of an input."""
-    jumps = np.diff(record.u, axis=0, prepend=record.u[:1]).any(axis=1)
-    return np.convolve(jumps, np.ones(AFTER_A_JUMP))[: jumps.size] > 0
 
 
 def _called(one: Evidence) -> bool:
@@ -503,9 +452,9 @@ def _tested(view: View, index: int, setting: _Setting) -> Evidence:
     whole = view, index, None
     if whole not in known:
         known[whole] = examine(view, index, estimate, n_lags, rate)
-    found = _unforeseen(view, index, _with_bad_samples_alone(view, known[whole]))
+    found = without_foreseen(view, index, with_bad_samples_alone(view, known[whole]))
     if torn and len(found.normality.outliers):
-        found = _with_outliers(found, _after(torn, view, found.normality.outliers))
+        found = with_outliers(found, _after(torn, view, found.normality.outliers))
     if not len(found.normality.outliers) or found.past < CALLED:
         return found
     clean = without_outliers(view, index, found)

@@ -1,0 +1,70 @@
+"""Far samples that stand alone: not after a jump, and not foretold by the past."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import bdtrc
+
+from tridentify.estimation.methods.predictor import forecast_errors
+from tridentify.judgement.causes.intersample import is_staircase
+from tridentify.judgement.validation.evidence import Evidence
+from tridentify.judgement.validation.likelihood_ratio import CALLED
+from tridentify.judgement.validation.residuals import View
+from tridentify.numerics.arrays import Array
+from tridentify.numerics.robust import median_scale
+from tridentify.record.record import Record
+
+AFTER_A_JUMP = 3
+"""Samples after a jump of a held input where a far sample is a misfit of the model."""
+
+MOSTLY_ALONE = 0.7
+"""Share of the far samples that stand elsewhere, from which jumps are a coincidence."""
+
+COINCIDENCE = 0.01
+"""Probability, of places at random, from which it is one that so many follow a jump: two spikes
+both do in one record of fifteen where the input jumps every tenth sample."""
+
+UNFORESEEN = 4.0
+"""Standard deviations of what the past does not tell of an output from which a sample is bad where
+the input reacts to it: of Gaussian noise one in sixteen thousand."""
+
+
+def with_outliers(one: Evidence, rows: Array) -> Evidence:
+    """With other outliers."""
+    return one.having(normality=replace(one.normality, outliers=rows))
+
+
+def with_bad_samples_alone(view: View, found: Evidence) -> Evidence:
+    """Without far samples that follow a jump of a held input: there the model misses something."""
+    rows = found.normality.outliers
+    if not len(rows) or not is_staircase(view.records):
+        return found
+    follow = [_after_a_jump(record) for record in view.records]
+    kept = np.array([not follow[int(e)][np.argmin(np.abs(view.records[int(e)].t - t))]
+                     for e, t, _ in rows])  # fmt: skip
+    by_chance = bdtrc(np.sum(~kept) - 1, kept.size, float(np.mean(np.concatenate(follow))))
+    if np.mean(kept) > MOSTLY_ALONE or by_chance > COINCIDENCE:
+        return found
+    return with_outliers(found, rows[kept])
+
+
+def without_foreseen(view: View, index: int, found: Evidence) -> Evidence:
+    """Without far samples that the past foretells: where the input reacts the fit is bent."""
+    rows = found.normality.outliers
+    if not len(rows) or not found.feedback < CALLED:
+        return found
+    errors = [forecast_errors(record.u, record.y, index) for record in view.records]
+    known = np.concatenate(errors)
+    known = known[np.isfinite(known)]
+    far = UNFORESEEN * median_scale(known) if known.size else 0.0
+    sizes = [errors[int(e)][np.argmin(np.abs(view.records[int(e)].t - t))] for e, t, _ in rows]
+    return with_outliers(found, rows[~(np.abs(sizes) < far)])
+
+
+def _after_a_jump(record: Record) -> NDArray[np.bool_]:
+    """Which samples follow a jump of an input."""
+    jumps = np.diff(record.u, axis=0, prepend=record.u[:1]).any(axis=1)
+    return np.convolve(jumps, np.ones(AFTER_A_JUMP))[: jumps.size] > 0
