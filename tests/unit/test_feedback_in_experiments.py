@@ -37,3 +37,11 @@ def test_inputs_of_several_kinds_are_no_feedback(seed):
     records.append(experiment(rng, "pulse"))
     codes = [one.code for one in identify(records, Structure(2, 0)).findings if one.matters]
     assert "feedback" not in codes
+
+
+@pytest.mark.parametrize("level", [0.3, 1.0, 7.1, 1e6])
+@pytest.mark.parametrize("n", [60, 100, 101, 400])
+def test_an_input_that_never_moves_is_no_controllers(level, n):
+    """What a fit leaves of a level is rounding, which may follow anything."""
+    record = Record(np.full(n, level), np.zeros(n), dt=0.05)
+    assert not any(np.any(one) for one in small_surprises([record]))

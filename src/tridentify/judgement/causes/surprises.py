@@ -38,6 +38,9 @@ ROUNDS = 15
 COMMANDED = 1e-6
 """Small surprises over the spread of the input, below which it has none but rounding."""
 
+ROUNDING = 1e-12
+"""Over the largest value of the input: what a fit leaves of a level that never moves."""
+
 CUTOFF = 1e-10
 """Singular value over the largest below which past inputs tell nothing new."""
 
@@ -79,8 +82,8 @@ def _of_one(u: Array) -> Array:
     found = np.zeros((n_samples, n_inputs))
     known = _lagged(u, most)
     for j in range(n_inputs if known.size else 0):
-        spread = float(np.std(u[:, j]))
-        found[most:, j] = _small(known, np.asarray(u[most:, j]), COMMANDED * spread)
+        least = COMMANDED * float(np.std(u[:, j])) + ROUNDING * float(np.max(np.abs(u[:, j])))
+        found[most:, j] = _small(known, np.asarray(u[most:, j]), least)
     found.flags.writeable = False
     return found
 
