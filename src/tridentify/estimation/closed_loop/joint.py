@@ -70,6 +70,9 @@ NEARLY = 0.05
 TOLD_APART = 1e-6
 """Part of a start, offset or level that the others do not make, from which it counts: of a plant
 that hardly integrates, level and offset do the same."""
+VANISHED = 1e-12
+"""Part of the innovations that a coefficient of its natural size moves: below it is rounding, and
+the plant has run off to where nothing hangs on it."""
 LEAST_WEIGHT = 1e-3
 """Akaike weight from which an end counts: fourteen in AICc."""
 
@@ -234,6 +237,15 @@ class Together:
         return np.asarray(table - basis @ (basis.T @ table))
 
     @property
+    def counts(self) -> bool:
+        """Whether the innovations hang on every coefficient of the plant."""
+        n = self.plant.theta.size
+        if not np.isfinite(self.columns).all():
+            return False
+        largest = np.max(np.abs(self.columns[:, :n]), axis=0) * self.plant.scale
+        return bool(np.all(largest > VANISHED * np.max(np.abs(self.innovations))))
+
+    @property
     def unknowns(self) -> int:
         """Coefficients of plant and noise, and what else was fitted."""
         return int(self.plant.theta.size + self.noise.size + self._basis[0].shape[1])
@@ -325,7 +337,7 @@ def descended(here: Together) -> End:
 def _steps(here: Together) -> End:
     moved, n = np.inf, here.plant.theta.size
     for steps in range(1, MOST_STEPS + 1):
-        if not np.isfinite(here.columns).all():
+        if not here.counts:
             return End(here, np.zeros(n), np.inf, steps)
         change, moved = here.step
         share, other = 1.0, None
@@ -370,7 +382,8 @@ def together(loops: Sequence[Loop], plants: Sequence[Plant]) -> Settled | None:
         if not np.isfinite(begun.size):
             continue
         try:
-            ends += [one for one in _over_orders(begun) if np.isfinite(one.moved)]
+            with np.errstate(all="ignore"):  # plants that run off are no ends
+                ends += [one for one in _over_orders(begun) if np.isfinite(one.moved)]
         except np.linalg.LinAlgError:  # a plant without a response, or beyond all bounds
             continue
     if not ends:
