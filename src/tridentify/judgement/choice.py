@@ -153,7 +153,7 @@ def with_judgement(
     seen = explained_records(estimate, records)
     if seen is None:
         of_the_plant = coefficient_findings(estimate, list(records))
-        known = [*estimate.findings, *of_the_plant, *predictor_findings(estimate)]
+        known = [*estimate.findings, *of_the_plant, *predictor_findings(estimate, records)]
         found = ranked([*known, *about_loop(estimate, records, known)])
     else:
         found = about_direct(judged(estimate, seen, between), estimate, records)

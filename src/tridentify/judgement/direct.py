@@ -25,6 +25,7 @@ from tridentify.estimation.methods.not_stable import unless_unstable
 from tridentify.estimation.methods.output_error import OutputError
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.causes.feedback import Inputs, misses
+from tridentify.judgement.causes.fewer import NO_RESPONSE, foretold
 from tridentify.judgement.validation.assess import looked_at, may_react_at_all, own_look
 from tridentify.judgement.validation.residuals import Output, View, root_of
 from tridentify.judgement.validation.verdict import NO_CONTROLLER
@@ -252,15 +253,23 @@ def about_direct(
     return tuple(order)
 
 
-def predictor_findings(estimate: Estimate) -> tuple[Finding, ...]:
+def predictor_findings(estimate: Estimate, records: Sequence[Record]) -> tuple[Finding, ...]:
     """What is to be said of a plant that is not stable, by the direct route.
 
     Parameters
     ----------
     estimate : Estimate
         That of the mirrored predictor, of which no residual can be shown.
+    records : sequence of Record
+        Those that were identified.
     """
-    return (_alone(estimate),) if estimate.route == "direct" else ()
+    if estimate.route != "direct":
+        return ()
+    poles = max(den.size - 1 for row in estimate.model.den for den in row)
+    # of short loops that are moved one in ten tells no more, and may be right all the same
+    weak = foretold(records, poles) is False
+    unseen = (replace(NO_RESPONSE, severity="warning"),) if weak else ()
+    return (_alone(estimate), *unseen)
 
 
 def _alone(estimate: Estimate) -> Finding:
