@@ -22,7 +22,7 @@ Where the residual is not white, the noise gets an autoregressive model and all 
 on whitened samples (`likelihood.noise_model`).
 
 Where something is known of the coefficients, all this is the search; the end is the maximum of the
-likelihood (and of the priors) within the constraints (`constraints`).
+likelihood (and of the priors) within the constraints (`knowledge`).
 """
 
 from __future__ import annotations
