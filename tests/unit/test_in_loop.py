@@ -98,6 +98,17 @@ def test_the_slopes_are_derivatives_of_the_innovations():
         assert np.linalg.norm(slope - own) < 0.05 * np.linalg.norm(own)
 
 
+@pytest.mark.parametrize("rate", [1e3, 1e9, 1e16, 1e80, 1e200])
+def test_a_plant_on_which_nothing_hangs_is_no_end(rate):
+    """A mode that is over at once, and a gain of next to nothing."""
+    u, y = np.random.default_rng(3).standard_normal((2, 200))
+    records = open_loops([Record(u, y, dt=1.0, intersample="zoh")])
+    gone = Plant(np.array([rate, 0.7 * rate]), (np.array([0.04 * rate]),))
+    assert together(records, [gone]) is None
+    near = Plant(np.array([1.0, 1.0]), (np.array([0.1]),))
+    assert together(records, [gone, near]) is not None
+
+
 def test_an_integrator_rests_at_an_input_that_is_not_its_first():
     drawn = sampled(910_030, "integrating")
     moved = Record(drawn.record.u + 3.0, drawn.record.y + 7.0, dt=drawn.record.dt)

@@ -46,6 +46,7 @@ from tridentify.estimation.closed_loop.predictor import (
     slopes,
 )
 from tridentify.estimation.closed_loop.unstable import FLOOR, STILL, Found
+from tridentify.estimation.likelihood.problem import FASTEST
 from tridentify.numerics.arrays import Array, Complex, Flags
 from tridentify.numerics.autoregression import (
     Whitener,
@@ -70,9 +71,8 @@ NEARLY = 0.05
 TOLD_APART = 1e-6
 """Part of a start, offset or level that the others do not make, from which it counts: of a plant
 that hardly integrates, level and offset do the same."""
-VANISHED = 1e-12
-"""Part of the innovations that a coefficient of its natural size moves: below it is rounding, and
-the plant has run off to where nothing hangs on it."""
+CUTOFF = 1e-13
+"""Of the information, below which a direction is told by rounding alone."""
 LEAST_WEIGHT = 1e-3
 """Akaike weight from which an end counts: fourteen in AICc."""
 
@@ -238,12 +238,15 @@ class Together:
 
     @property
     def counts(self) -> bool:
-        """Whether the innovations hang on every coefficient of the plant."""
+        """Whether the innovations tell every coefficient of the plant."""
         n = self.plant.theta.size
         if not np.isfinite(self.columns).all():
             return False
-        largest = np.max(np.abs(self.columns[:, :n]), axis=0) * self.plant.scale
-        return bool(np.all(largest > VANISHED * np.max(np.abs(self.innovations))))
+        sizes = np.linalg.norm(self.columns[:, :n], axis=0)
+        if not np.all((sizes > 0.0) & np.isfinite(sizes)):
+            return False
+        values = np.linalg.svd(self.columns[:, :n] / sizes, compute_uv=False)
+        return bool(values[-1] > np.sqrt(CUTOFF) * values[0])
 
     @property
     def unknowns(self) -> int:
@@ -263,7 +266,7 @@ class Together:
         """(n + p, n + p) covariance of plant and noise."""
         scale = np.linalg.norm(self.columns, axis=0) + 1e-300
         q = self.columns / scale
-        inverse = np.linalg.pinv(q.T @ q, rcond=1e-13, hermitian=True)
+        inverse = np.linalg.pinv(q.T @ q, rcond=CUTOFF, hermitian=True)
         variance = self.size / max(self.count - self.unknowns, 1)
         return np.asarray(variance * inverse / np.outer(scale, scale))
 
@@ -284,6 +287,8 @@ class Together:
         if noise.size and np.max(np.abs(np.roots(np.append(1.0, noise)))) > FARTHEST:
             return None
         plant = self.plant.with_theta(self.plant.theta + change[:n])
+        if _is_too_fast(plant, self.loops):
+            return None
         try:
             return Together.at(self.loops, plant, noise, self.held)
         except np.linalg.LinAlgError:  # a plant beyond all bounds
@@ -377,7 +382,7 @@ class Settled:
 def together(loops: Sequence[Loop], plants: Sequence[Plant]) -> Settled | None:
     """Plant and noise, from several plants; None where no start leads anywhere."""
     ends: list[End] = []
-    for plant in plants:
+    for plant in (one for one in plants if not _is_too_fast(one, loops)):
         begun = Together.at(loops, plant, np.zeros(0))
         if not np.isfinite(begun.size):
             continue
@@ -390,6 +395,15 @@ def together(loops: Sequence[Loop], plants: Sequence[Plant]) -> Settled | None:
         return None
     best = min(ends, key=lambda one: one.place.criterion)
     return Settled(_found(best), _spread(best, ends))
+
+
+def _is_too_fast(plant: Plant, loops: Sequence[Loop]) -> bool:
+    """Whether a mode is over within a sample, so that no sample tells its rate."""
+    step = min(float(one.record.t[1] - one.record.t[0]) for one in loops)
+    if not np.isfinite(plant.theta).all():
+        return True
+    with np.errstate(all="ignore"):
+        return not bool(np.all(np.abs(plant.poles) * step < FASTEST))
 
 
 def _over_orders(begun: Together) -> list[End]:
