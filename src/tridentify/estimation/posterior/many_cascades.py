@@ -179,23 +179,17 @@ def numerator_tables(a: Array, b: Array, polynomials: Array) -> Array:
 
 def degree_bases(a: Array, b: Array) -> Array:
     """(s, n, n) orthonormal columns; the last ``m + 1`` span the numerators of degree ``<= m``."""
-    n = b.shape[1]
-    krylov = np.empty((b.shape[0], n, n))
-    column = b
-    for k in range(n):
-        krylov[:, :, k] = column / np.linalg.norm(column, axis=1, keepdims=True)
-        for _ in range(2):
-            before = krylov[:, :, :k]
-            krylov[:, :, k] -= np.einsum("sik,sjk,sj->si", before, before, krylov[:, :, k])
-        krylov[:, :, k] /= np.linalg.norm(krylov[:, :, k], axis=1, keepdims=True)
-        column = np.einsum("sij,sj->si", a, krylov[:, :, k])
-    return krylov
+    from tridentify.estimation.posterior.compiled_triangles import fill_bases
+
+    found = np.empty(a.shape)
+    fill_bases(a, b, found)
+    return found
 
 
-def filter_maps(a: Array, b: Array, bank_a: Array, bank_b: Array) -> Array:
-    """As `numerics.realization.filter_map`, for many banks: (s, q, n, q)."""
+def filtered_rows(a: Array, b: Array, bank_a: Array, rows: Array) -> Array:
+    """``rows @ realization.filter_map``, (s, k, n, q), for rows (s, k, q) of many banks' states."""
     from tridentify.estimation.posterior.compiled_triangles import fill_maps
 
-    found = np.zeros((*bank_b.shape, b.shape[1], bank_b.shape[1]))
-    fill_maps(a, b, bank_a, bank_b, found)
+    found = np.zeros((*rows.shape[:2], b.shape[1], rows.shape[2]))
+    fill_maps(a, b, bank_a, rows, found)
     return found
