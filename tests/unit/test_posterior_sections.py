@@ -13,7 +13,7 @@ from tridentify.estimation.posterior.many_cascades import (
     Sections,
     coordinates,
     degree_bases,
-    filter_maps,
+    filtered_rows,
     numerator_tables,
 )
 from tridentify.numerics import realization
@@ -214,10 +214,11 @@ def test_degree_bases_are_orthonormal_and_sorted_by_degree(n):
 
 
 @every_degree
-def test_filter_maps_filter_each_state_once_more(n):
+def test_rows_of_states_are_filtered_once_more(n):
     sections, a, b, _ = single(n)
     bank_a, bank_b = sections.cascade(2)
-    maps = filter_maps(a, b, bank_a, bank_b)
+    every = np.tile(np.eye(2 * n), (len(bank_a), 1, 1))
+    maps = filtered_rows(a, b, bank_a, every)
     x = 0.3 + 1.7j
     for s in range(b.shape[0]):
         inner, bank = resolvent(a[s], b[s], x), resolvent(bank_a[s], bank_b[s], x)

@@ -228,7 +228,7 @@ def filter_map(inner: Cascade, bank: Cascade) -> Array:
     from tridentify.numerics.kernels.cascades import fill_map
 
     found = np.zeros((bank.order, inner.order, bank.order))
-    fill_map(inner.a, inner.b, bank.a, bank.b, found)
+    fill_map(inner.a, inner.b, bank.a, np.eye(bank.order), found)
     return found
 
 

@@ -243,7 +243,7 @@ def estimate_of(
         series.condition,
         "W_0 = 1 and the orthonormal functions on the poles of a",
     )
-    solution.recorder.add(point, (step,), series.distance, "check of the end")
+    solution.recorder.add(point, lambda: (step,), series.distance, "check of the end")
     trace = Trace(
         tuple(solution.recorder.passes),
         (),

@@ -7,7 +7,8 @@ is, that is when the coefficients move by far less than their standard errors.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -59,18 +60,35 @@ class Patience:
         return self.tolerance if samples < LONG else max(self.tolerance, SETTLED_LONG)
 
 
-@dataclass(eq=False)
 class Recorder:
-    """Collects the passes."""
+    """Collects the passes; they are worked out when they are asked for, as few are ever told.
 
-    passes: list[Pass] = field(default_factory=list)
+    Parameters
+    ----------
+    passes : sequence of Pass
+        Those before.
+    """
 
-    def add(self, point: Point, steps: tuple[Step, ...], beta_distance: float, note: str) -> None:
-        """Add one pass, numbered from 1."""
-        self.passes.append(
-            Pass(
-                len(self.passes) + 1,
-                steps,
+    def __init__(self, passes: Sequence[Pass] = ()) -> None:
+        self._made = list(passes)
+        self._awaited: list[Callable[[int], Pass]] = []
+
+    @property
+    def passes(self) -> list[Pass]:
+        """All of them, numbered from 1."""
+        awaited, self._awaited = self._awaited, []
+        for make in awaited:
+            self._made.append(make(len(self._made) + 1))
+        return self._made
+
+    def add(
+        self, point: Point, steps: Callable[[], tuple[Step, ...]], beta_distance: float, note: str
+    ) -> None:
+        """Add one pass."""
+        self._awaited.append(
+            lambda number: Pass(
+                number,
+                steps(),
                 coefficients(point),
                 mean_square(point),
                 beta_distance,
@@ -81,20 +99,25 @@ class Recorder:
 
     def follow(self, taken: Sequence[Taken], end: Point) -> None:
         """Add the steps of machine code that led to a point."""
-        problem, counts = end.problem, end.counts
-        for one in taken:
-            lower = one.theta[problem.denominator_places()]
-            cost = float(one.rss.sum() / counts.sum())
-            note = f"damping {one.damping:.1e}" if one.damping else ""
-            step = Step("output error", lower, cost, one.condition, note)
-            number, square = len(self.passes) + 1, _mean_square(one.rss, counts)
-            last = one.gradient, one.note
-            self.passes.append(Pass(number, (step,), one.theta, square, np.nan, *last))
+        self._awaited += [partial(_pass_of, one, end.problem, end.counts) for one in taken]
 
     def extend(self, other: Recorder) -> None:
         """Append another's passes, numbered on."""
-        for one in other.passes:
-            self.passes.append(replace(one, number=len(self.passes) + 1))
+        self._awaited += [partial(_renumbered, one) for one in other._made]
+        self._awaited += other._awaited
+
+
+def _pass_of(one: Taken, problem: Problem, counts: Array, number: int) -> Pass:
+    lower = one.theta[problem.denominator_places()]
+    cost = float(one.rss.sum() / counts.sum())
+    note = f"damping {one.damping:.1e}" if one.damping else ""
+    step = Step("output error", lower, cost, one.condition, note)
+    square = _mean_square(one.rss, counts)
+    return Pass(number, (step,), one.theta, square, np.nan, one.gradient, one.note)
+
+
+def _renumbered(one: Pass, number: int) -> Pass:
+    return replace(one, number=number)
 
 
 def coefficients(point: Point) -> Array:
@@ -237,7 +260,7 @@ def finishing(
             now.growth *= 2.0
             continue
         if recorder is not None:
-            recorder.add(trial, (_error_step(trial, now.damping),), np.nan, note)
+            recorder.add(trial, partial(_error_step, trial, now.damping), np.nan, note)
         ratio = gain / predicted
         damping = now.damping * max(1.0 / 3.0, 1.0 - (2.0 * ratio - 1.0) ** 3)
         # what was damped before a pole came to its limit says nothing of the directions left
@@ -289,12 +312,8 @@ def _settled(held: str) -> Status:
     return Status.AT_SAMPLING_LIMIT if held == TOO_FAST else Status.AT_STABILITY_LIMIT
 
 
-def _error_step(point: Point, damping: float) -> Step:
+def _error_step(point: Point, damping: float) -> tuple[Step]:
+    lower = point.problem.lower_coefficients(point.poles)
+    cost = float(point.rss.sum() / point.counts.sum())
     note = f"damping {damping:.1e}" if damping else ""
-    return Step(
-        "output error",
-        point.problem.lower_coefficients(point.poles),
-        float(point.rss.sum() / point.counts.sum()),
-        point.condition,
-        note,
-    )
+    return (Step("output error", lower, cost, point.condition, note),)

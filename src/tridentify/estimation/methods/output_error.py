@@ -220,7 +220,7 @@ class OutputError:
             first.condition,
             note,
         )
-        recorder.add(first, (step,), np.nan, note)
+        recorder.add(first, lambda: (step,), np.nan, note)
         recorder.extend(found.best.recorder)
         begun = Start(note, coefficients(first), mean_square(first))
         trace = Trace(tuple(recorder.passes), (begun,), found.decisions, found.best.why)

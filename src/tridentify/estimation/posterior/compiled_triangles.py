@@ -13,7 +13,7 @@ import numpy as np
 from tridentify.models.compiled_regression import die_away
 from tridentify.numerics.arrays import Array, Flags
 from tridentify.numerics.compiled import compiled
-from tridentify.numerics.kernels.cascades import fill_map
+from tridentify.numerics.kernels.cascades import fill_basis, fill_map
 from tridentify.numerics.kernels.exponentials import discrete
 from tridentify.numerics.kernels.triangles import add_scaled, triangularise
 from tridentify.numerics.kernels.whitening import innovate
@@ -176,8 +176,20 @@ def reduced_banks(
             triangularise(rows[s], n, impulse, length[s], found[first + s])
 
 
-@compiled("void(float64[:,:,:], float64[:,:], float64[:,:,:], float64[:,:], float64[:,:,:,::1])")
-def fill_maps(a: Array, b: Array, bank_a: Array, bank_b: Array, found: Array) -> None:
+@compiled("void(float64[:,:,:], float64[:,:], float64[:,:,:], float64[:,:,:], float64[:,:,:,::1])")
+def fill_maps(a: Array, b: Array, bank_a: Array, rows: Array, found: Array) -> None:
     """`numerics.kernels.cascades.fill_map` for many banks, lower triangular with pairs."""
     for s in range(b.shape[0]):
-        fill_map(a[s], b[s], bank_a[s], bank_b[s], found[s])
+        fill_map(a[s], b[s], bank_a[s], rows[s], found[s])
+
+
+@compiled("void(float64[:,:,:], float64[:,:], float64[:,:,::1])")
+def fill_bases(a: Array, b: Array, found: Array) -> None:
+    """`numerics.kernels.cascades.fill_basis` for many cascades, vector by vector in columns."""
+    n = b.shape[1]
+    rows, leading = np.empty((n, n)), np.empty(n)
+    for s in range(b.shape[0]):
+        fill_basis(a[s], b[s], rows, leading)
+        for k in range(n):
+            for i in range(n):
+                found[s, i, k] = rows[n - 1 - k, i]

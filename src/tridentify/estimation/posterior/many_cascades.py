@@ -136,15 +136,15 @@ class Sections:
 
 
 def coordinates(poles: Complex) -> Array:
-    """(n,) coordinates of one stable denominator.
+    """(n,) or (s, n) coordinates of stable denominators, all with as many real poles.
 
     Complex pairs are sections; real poles are paired neighbour with neighbour, the fastest left
     over for odd ``n``.
 
     Parameters
     ----------
-    poles : (n,) complex array
-        Closed under conjugation.
+    poles : (n,) or (s, n) complex array
+        Of each closed under conjugation.
 
     Examples
     --------
@@ -152,15 +152,15 @@ def coordinates(poles: Complex) -> Array:
     >>> Sections.of(phi[None], 3).polynomials().round(12).tolist()
     [[1.0, 5.0, 11.0, 15.0]]
     """
-    upper = poles[poles.imag > 0]
-    real = np.sort(-poles[poles.imag == 0].real)
-    phi = [value for z in upper for value in (np.log(abs(z)), np.log(-z.real / abs(z)))]
-    for i in range(real.size // 2):
-        slow, fast = real[2 * i : 2 * i + 2]
-        frequency = math.sqrt(slow) * math.sqrt(fast)
-        phi += [np.log(frequency), np.log((slow + fast) / (2.0 * frequency))]
-    phi += [np.log(real[-1])] if real.size % 2 else []
-    return np.array(phi)
+    count = poles.size // poles.shape[-1]
+    upper = poles[poles.imag > 0].reshape(count, -1)
+    real = np.sort(-poles[poles.imag == 0].real.reshape(count, -1), axis=1)
+    paired = real.shape[1] // 2 * 2
+    slow, fast = real[:, 0:paired:2], real[:, 1:paired:2]
+    frequency = np.concatenate([np.abs(upper), np.sqrt(slow) * np.sqrt(fast)], axis=1)
+    half = np.concatenate([-upper.real, 0.5 * (slow + fast)], axis=1)
+    pairs = np.log(np.stack([frequency, half / frequency], axis=2)).reshape(count, -1)
+    return np.concatenate([pairs, np.log(real[:, paired:])], axis=1).reshape(poles.shape)
 
 
 def numerator_tables(a: Array, b: Array, polynomials: Array) -> Array:
@@ -179,23 +179,17 @@ def numerator_tables(a: Array, b: Array, polynomials: Array) -> Array:
 
 def degree_bases(a: Array, b: Array) -> Array:
     """(s, n, n) orthonormal columns; the last ``m + 1`` span the numerators of degree ``<= m``."""
-    n = b.shape[1]
-    krylov = np.empty((b.shape[0], n, n))
-    column = b
-    for k in range(n):
-        krylov[:, :, k] = column / np.linalg.norm(column, axis=1, keepdims=True)
-        for _ in range(2):
-            before = krylov[:, :, :k]
-            krylov[:, :, k] -= np.einsum("sik,sjk,sj->si", before, before, krylov[:, :, k])
-        krylov[:, :, k] /= np.linalg.norm(krylov[:, :, k], axis=1, keepdims=True)
-        column = np.einsum("sij,sj->si", a, krylov[:, :, k])
-    return krylov
+    from tridentify.estimation.posterior.compiled_triangles import fill_bases
+
+    found = np.empty(a.shape)
+    fill_bases(a, b, found)
+    return found
 
 
-def filter_maps(a: Array, b: Array, bank_a: Array, bank_b: Array) -> Array:
-    """As `numerics.realization.filter_map`, for many banks: (s, q, n, q)."""
+def filtered_rows(a: Array, b: Array, bank_a: Array, rows: Array) -> Array:
+    """``rows @ realization.filter_map``, (s, k, n, q), for rows (s, k, q) of many banks' states."""
     from tridentify.estimation.posterior.compiled_triangles import fill_maps
 
-    found = np.zeros((*bank_b.shape, b.shape[1], bank_b.shape[1]))
-    fill_maps(a, b, bank_a, bank_b, found)
+    found = np.zeros((*rows.shape[:2], b.shape[1], rows.shape[2]))
+    fill_maps(a, b, bank_a, rows, found)
     return found

@@ -230,7 +230,7 @@ def _continued(trace: Trace, point: Point, found: Posterior, told: str) -> Trace
         point.condition,
         f"{found.evaluated} denominators, worth {found.effective:.0f}",
     )
-    recorder.add(point, (step,), np.nan, "")
+    recorder.add(point, lambda: (step,), np.nan, "")
     stopped = (
         f"{found.evaluated} denominators weighed, worth {found.effective:.0f} independent ones"
     )

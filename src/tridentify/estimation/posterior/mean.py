@@ -303,7 +303,7 @@ def _by_sections(denominators: Array) -> Complex:
     """Poles of the product of the means of the sections, those of equally likely denominators."""
     count, n = denominators.shape
     whole = np.concatenate([np.ones((count, 1)), denominators], axis=1)
-    phi = np.array([_ordered(one) for one in stacked_roots(whole)])
+    phi = _ordered(stacked_roots(whole))
     weights = np.full(count, 1.0 / count)
     means = []
     for k in range(n // 2):
@@ -317,10 +317,17 @@ def _by_sections(denominators: Array) -> Complex:
 
 
 def _ordered(roots: Complex) -> Array:
-    """Coordinates of one denominator, slow sections first."""
-    phi = coordinates(roots)
-    pairs = phi[: 2 * (roots.size // 2)].reshape(-1, 2)
-    return np.concatenate([pairs[np.argsort(pairs[:, 0])].ravel(), phi[pairs.size :]])
+    """(s, n) coordinates of denominators, slow sections first."""
+    phi = np.empty(roots.shape)
+    real = (roots.imag == 0).sum(axis=1)
+    for count in np.unique(real):
+        some = np.flatnonzero(real == count)
+        phi[some] = coordinates(roots[some])
+    last = 2 * (roots.shape[1] // 2)
+    pairs = phi[:, :last].reshape(len(phi), -1, 2)
+    slow_first = np.argsort(pairs[:, :, 0], axis=1)
+    ordered = np.take_along_axis(pairs, slow_first[:, :, None], axis=1).reshape(len(phi), -1)
+    return np.concatenate([ordered, phi[:, last:]], axis=1)
 
 
 def _first(problem: Problem, near: Sequence[tuple[Complex, Array | None]]) -> ProposalMixture:

@@ -41,7 +41,7 @@ from tridentify.estimation.likelihood.problem import Problem
 from tridentify.estimation.posterior.many_cascades import (
     Sections,
     degree_bases,
-    filter_maps,
+    filtered_rows,
     numerator_tables,
 )
 from tridentify.models.regression import Experiment
@@ -151,7 +151,6 @@ def _surface(problem: Problem, phi: Array) -> Surface:
     unit = unit_of(problem)
     data = [_triangles(e, bank_a, bank_b, n, unit) for e in problem.experiments]
     bases = degree_bases(a, b)
-    maps = filter_maps(a, b, bank_a, bank_b)
     likelihood = np.zeros(phi.shape[0])
     energy = np.zeros(phi.shape[0])
     scores, numerators, roots = [], [], []
@@ -168,11 +167,13 @@ def _surface(problem: Problem, phi: Array) -> Surface:
         likelihood -= 0.5 * freedom * np.log(cost)
         weight = freedom / cost
         energy += weight * np.einsum("sk,sk->s", fit.projection, fit.projection)
-        scores.append(np.sqrt(weight)[:, None, None] * _scores(problem, signals, fit, maps, bank_b))
+        scores.append(
+            np.sqrt(weight)[:, None, None] * _scores(problem, signals, fit, bank_a, bank_b)
+        )
         found, root = _physical(problem, i, fit, bases, tables, polynomials)
         numerators.append(found)
         roots.append(root * np.sqrt(cost / freedom)[:, None, None])
-    lengths = np.linalg.svd(np.concatenate(scores, axis=1), compute_uv=False)
+    lengths = np.abs(np.einsum("skk->sk", np.linalg.qr(np.concatenate(scores, axis=1), mode="r")))
     shape = np.log(np.maximum(lengths, TINY)).sum(axis=1) - 0.5 * n * np.log(energy + TINY)
     volume = shape + sections.log_jacobian() - np.linalg.slogdet(tables)[1]
     volume -= sections.log_multiplicity()
@@ -342,16 +343,15 @@ def _regular(triangle: Array) -> Array:
     return triangle + lift[:, :, None] * np.eye(triangle.shape[2])
 
 
-def _scores(problem: Problem, signals: Array, fit: Linear, maps: Array, bank_b: Array) -> Array:
+def _scores(problem: Problem, signals: Array, fit: Linear, bank_a: Array, bank_b: Array) -> Array:
     """(s, r, n) ``X y_0``, projected off the linear columns."""
     n, q = problem.n_poles, 2 * problem.n_poles
+    rows = fit.direct[:, :, None] * bank_b[:, None]
+    rows[:, :, :n] += fit.rows
+    answers = filtered_rows(bank_a[:, :n, :n], bank_b[:, :n], bank_a, rows)
     found = np.zeros((*signals.shape[:2], n))
     for j in range(problem.n_inputs):
-        row = np.zeros((signals.shape[0], q))
-        row[:, :n] = fit.rows[:, j]
-        row += fit.direct[:, j : j + 1] * bank_b
-        coordinates = np.einsum("sk,sknq->snq", row, maps)
-        found += signals[:, :, j * q : (j + 1) * q] @ coordinates.transpose(0, 2, 1)
+        found += signals[:, :, j * q : (j + 1) * q] @ answers[:, j].transpose(0, 2, 1)
     inside = fit.orthonormal.transpose(0, 2, 1) @ found
     return np.asarray(found - fit.orthonormal @ inside)
 

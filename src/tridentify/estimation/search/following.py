@@ -186,7 +186,7 @@ class Search:
         point = (yield from finishing(at, at(base.admissible(near)[0]), own, MOST_TRIED))[0]
         name = "poles that the record may have"
         self.starts.append(Start(name, coefficients(point), mean_square(point)))
-        self.recorder.passes[:], self.variant = own.passes, variant
+        self.recorder, self.variant = own, variant
         return SearchEnd(base, point, variant, np.inf, False)
 
     def _is_certain(self, point: Point) -> bool:
@@ -205,22 +205,27 @@ class Search:
         further = list(self.further)
         if len(base.groups) > 1 and "discrete" in further:
             further.remove("discrete")
+        asked: Point | None = None
         for _ in range(MOST_ENRICHED):
             if at_rounding(best):
                 return SearchEnd(base, best, variant, reachable, True)
-            variant = self.variant or variant
-            enriched = yield from enriched_starts(base, variant, best.poles)
-            reachable = enriched[0].criterion + ALLOWANCE
-            if criterion(best) < reachable:
-                return SearchEnd(base, best, variant, reachable, True)
-            if self.near is not None and self.whitened_later and leaves_coloured_noise(best):
-                break
-            before = criterion(best)
-            best = yield from self._best_of(enriched[:2], reachable, best, where)
-            if self.whitened_later and leaves_coloured_noise(best):
-                break
-            if criterion(best) < before - EQUAL:
-                continue
+            if best is not asked:  # the same place has nothing new to tell
+                variant = self.variant or variant
+                enriched = yield from enriched_starts(base, variant, best.poles)
+                reachable = enriched[0].criterion + ALLOWANCE
+                if criterion(best) < reachable:
+                    return SearchEnd(base, best, variant, reachable, True)
+                # one pole is looked for along the whole band later (`moving`)
+                if base.n_poles == 1:
+                    break
+                if self.near is not None and self.whitened_later and leaves_coloured_noise(best):
+                    break
+                asked, before = best, criterion(best)
+                best = yield from self._best_of(enriched[:2], reachable, best, where)
+                if self.whitened_later and leaves_coloured_noise(best):
+                    break
+                if criterion(best) < before - EQUAL:
+                    continue
             if not further:
                 break
             kind = further.pop(0)
@@ -301,34 +306,34 @@ class Search:
         known = (one for one in self.followed if one.is_of(base, variant, poles))
         found = next(known, None)
         if found is None:
-            point, passes = yield from self._followed(base, variant, poles, reachable, most)
-            found = Followed(base, variant, poles, point, passes)
+            point, own = yield from self._followed(base, variant, poles, reachable, most)
+            found = Followed(base, variant, poles, point, own)
             if criterion(point) >= reachable:
                 self.followed.append(found)
-        point, passes = found.point, found.passes
+        point = found.point
         self.starts.append(Start(name, coefficients(point), mean_square(point)))
         if best is not None and criterion(best) <= criterion(point):
             return best
-        self.recorder.passes[:] = passes
-        self.variant = variant
+        self.recorder, self.variant = Recorder(), variant
+        self.recorder.extend(found.recorder)
         return point
 
     def _followed(
         self, base: Problem, variant: Variant, poles: Complex, reachable: float, most: int
-    ) -> Slices[tuple[Point, tuple[Pass, ...]]]:
+    ) -> Slices[tuple[Point, Recorder]]:
         """Where one start leads; what comes to an end that was met before ends there."""
         own = Recorder()
         point = yield from adapting(base, variant, poles, own, most)
         if criterion(point) >= reachable:
             for end in self.ends:
                 if end.variant is variant and end.base is base and end.is_near(point):
-                    return end.point, tuple(own.passes)
+                    return end.point, own
             at = partial(evaluate_variant, base, variant)
             yield
             start = evaluate_variant(base, variant, point.poles)
             point = (yield from finishing(at, start, own, MOST_TRIED))[0]
             self.ends.append(Met(base, variant, point))
-        return point, tuple(own.passes)
+        return point, own
 
     def _relaxed(
         self,

@@ -9,6 +9,7 @@ import numpy as np
 
 from tridentify.estimation.answer.estimate import Pass, Start
 from tridentify.estimation.likelihood.cost import Point
+from tridentify.estimation.likelihood.levenberg_marquardt import Recorder
 from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.likelihood.thresholds import EQUAL
 from tridentify.estimation.search.one_mode_moved import Move
@@ -161,7 +162,7 @@ class Followed(NamedTuple):
     variant: Variant
     start: Complex
     point: Point
-    passes: tuple[Pass, ...]
+    recorder: Recorder
 
     def is_of(self, base: Problem, variant: Variant, start: Complex) -> bool:
         """Whether the same start of the same problem is followed."""

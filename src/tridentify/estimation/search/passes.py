@@ -12,7 +12,7 @@ record not equal to, those of the output-error minimum; `likelihood.levenberg_ma
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -77,7 +77,7 @@ def adapting(
     return best
 
 
-def both_steps(point: Point) -> tuple[tuple[Step, ...], Complex]:
+def both_steps(point: Point) -> tuple[Callable[[], tuple[Step, ...]], Complex]:
     """Step 1 on the poles of ``a_hat``, twice each, and Step 2 with ``c = a_hat``.
 
     Parameters
@@ -87,8 +87,8 @@ def both_steps(point: Point) -> tuple[tuple[Step, ...], Complex]:
 
     Returns
     -------
-    steps : tuple of Step
-        For the trace.
+    steps : callable
+        Gives both steps for the trace.
     poles : (n,) complex array
         Roots of the new denominators; not necessarily stable.
     """
@@ -113,27 +113,31 @@ def both_steps(point: Point) -> tuple[tuple[Step, ...], Complex]:
     )
     own_poles = zip(problem.groups, bank.inners, strict=True)
     poles = np.concatenate([roots_of(inner, row[group.poles]) for group, inner in own_poles])
-    samples, used = float(point.counts.sum()), problem.split(bank.poles)
-    twice = np.concatenate([np.tile(one, 2) for one in used])
-    return (
-        Step(
-            "parallel",
-            beta.ravel(),
-            float(costs.sum()) / samples,
-            condition,
-            f"{beta.shape[2]} orthonormal functions on the poles of a, twice each",
-            "orthonormal",
-            pairs(twice),
-        ),
-        Step(
-            "series-parallel",
-            problem.joined(poles, numerators),
-            cost / samples,
-            own,
-            "filter 1/a of the pass before",
-            poles=pairs(bank.poles),
-        ),
-    ), poles
+
+    def steps() -> tuple[Step, ...]:
+        samples, used = float(point.counts.sum()), problem.split(bank.poles)
+        twice = np.concatenate([np.tile(one, 2) for one in used])
+        return (
+            Step(
+                "parallel",
+                beta.ravel(),
+                float(costs.sum()) / samples,
+                condition,
+                f"{beta.shape[2]} orthonormal functions on the poles of a, twice each",
+                "orthonormal",
+                pairs(twice),
+            ),
+            Step(
+                "series-parallel",
+                problem.joined(poles, numerators),
+                cost / samples,
+                own,
+                "filter 1/a of the pass before",
+                poles=pairs(bank.poles),
+            ),
+        )
+
+    return steps, poles
 
 
 def parallel_model(point: Point) -> ParallelFit:
@@ -203,7 +207,7 @@ def certified(point: Point, passes: Sequence[Pass]) -> tuple[Pass, ...]:
         pairs(np.concatenate([branch.inner.poles for branch in point.branches])),
     )
     recorder = Recorder()
-    recorder.extend(Recorder(list(passes)))
+    recorder.extend(Recorder(passes))
     note = "check of the end: beta is (1, 0, ..., 0) at a stationary point"
-    recorder.add(point, (step,), series.distance, note)
+    recorder.add(point, lambda: (step,), series.distance, note)
     return tuple(recorder.passes)

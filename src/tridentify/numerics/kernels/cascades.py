@@ -3,13 +3,13 @@
 One call builds all of a bank: for each denominator (a group of poles) the cascade of its poles
 repeated, the basis of its numerators sorted by degree, and how its filter answers to each state.
 
-*The map.* ``A_c P + P A' = - B_c e_k'`` for every unit row ``k`` (`realization.filter_map`). ``A``
-is lower triangular but for the pairs on its diagonal, so the columns of ``P`` follow one another,
-section by section: a real pole at state ``m`` gives
+*The map.* ``A_c P + P A' = - B_c r`` for some rows ``r`` (`realization.filter_map`: every unit
+row). ``A`` is lower triangular but for the pairs on its diagonal, so the columns of ``P`` follow
+one another, section by section: a real pole at state ``m`` gives
 
-    (A_c + a_mm I) P_m = - B_c d_mk - sum_{d < m} a_ml P_l,
+    (A_c + a_mm I) P_m = - B_c r_m - sum_{d < m} a_md P_d,
 
-a pair two such systems coupled by its block. All ``k`` are right-hand sides of the same matrix.
+a pair two such systems coupled by its block. All rows are right-hand sides of the same matrix.
 The systems have the size of the filter, or twice that, instead of its product with the bank's.
 """
 
@@ -117,15 +117,15 @@ def fill_basis(a: Array, b: Array, rows: Array, leading: Array) -> None:
             vector[i] = total
 
 
-@compiled("void(float64[:,:], float64[:], float64[:,:], float64[:], float64[:,:,:])")
-def fill_map(inner: Array, drive: Array, a: Array, b: Array, found: Array) -> None:
-    """How a filter answers to each state of a bank: ``found`` (q, n, q), from zeros."""
-    n, q = drive.size, b.size
+@compiled("void(float64[:,:], float64[:], float64[:,:], float64[:,:], float64[:,:,:])")
+def fill_map(inner: Array, drive: Array, a: Array, rows: Array, found: Array) -> None:
+    """How a filter answers to rows (k, q) of a bank's states: ``found`` (k, n, q), from zeros."""
+    n, q, count = drive.size, a.shape[0], rows.shape[0]
     m = 0
     while m < q:
         width = 2 if m + 1 < q and a[m, m + 1] != 0.0 else 1
         matrix = np.zeros((width * n, width * n))
-        sides = np.zeros((width * n, q))
+        sides = np.zeros((width * n, count))
         for w in range(width):
             state = m + w
             for i in range(n):
@@ -133,16 +133,17 @@ def fill_map(inner: Array, drive: Array, a: Array, b: Array, found: Array) -> No
                     matrix[w * n + i, w * n + j] = inner[i, j]
                 for v in range(width):
                     matrix[w * n + i, v * n + i] += a[state, m + v]
-                sides[w * n + i, state] = -drive[i]
+                for k in range(count):
+                    sides[w * n + i, k] = -drive[i] * rows[k, state]
             for d in range(m):
                 weight = a[state, d]
                 if weight != 0.0:
-                    for k in range(d + 2 if d + 2 < q else q):
+                    for k in range(count):
                         for i in range(n):
                             sides[w * n + i, k] -= weight * found[k, i, d]
         solve_in_place(matrix, sides)
         for w in range(width):
-            for k in range(q):
+            for k in range(count):
                 for i in range(n):
                     found[k, i, m + w] = sides[w * n + i, k]
         m += width
@@ -190,6 +191,6 @@ def bank_parts(
         inner, first = block[:n, :n], drive[:n]
         fill_basis(inner, first, rows[pole : pole + n, :n], leading[pole : pole + n])
         found = maps[place : place + own * n * own].reshape((own, n, own))
-        fill_map(inner, first, block, drive, found)
+        fill_map(inner, first, block, np.eye(own), found)
         pole, place = pole + n, place + own * n * own
     return a, b, rows, leading, maps
