@@ -132,28 +132,8 @@ class Incomplete:
         start = np.arctanh(np.clip(reflection, -FARTHEST, FARTHEST))
         root = self._root(np.tanh(start))
         moved, limits = np.zeros(start.size), (GRADIENT_STILL, MOST_ITERATIONS)
-        if not _kernels().descend(start, root, moved, FARTHEST, *limits, *self._samples):
-            moved = self._searched(start, root)
+        _kernels().descend(start, root, moved, FARTHEST, *limits, *self._samples)
         return np.clip(np.tanh(start + root @ moved), -FARTHEST, FARTHEST)
-
-    def _searched(self, start: Array, root: Array) -> Array:
-        """What is sought, with a line search for the steps that take one."""
-        # slow to import, seldom needed
-        from scipy.optimize import minimize
-
-        def halved(moved: Array) -> tuple[float, Array]:
-            k = np.clip(np.tanh(start + root @ moved), -FARTHEST, FARTHEST)
-            value, slope = self.with_slopes(k)
-            return 0.5 * value, 0.5 * ((slope * (1.0 - k * k)) @ root)
-
-        found = minimize(
-            halved,
-            np.zeros(start.size),
-            jac=True,
-            method="BFGS",
-            options={"gtol": GRADIENT_STILL, "maxiter": MOST_ITERATIONS},
-        )
-        return np.asarray(found.x)
 
     def _root(self, k: Array) -> Array:
         """A root of the covariance of ``arctanh k`` for a whole series (Fisher's information)."""

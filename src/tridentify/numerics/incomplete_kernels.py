@@ -12,8 +12,10 @@ _WHOLE, _NUMBER = numba.int64, numba.float64
 _VECTOR, _TABLE, _PLACES = _NUMBER[::1], _NUMBER[:, ::1], numba.int64[::1]
 
 SUFFICIENT, CURVED = 1e-4, 0.9
-"""Of the strong Wolfe conditions: share of the slope that a step must gain, and that it may
-leave."""
+"""Of the Wolfe conditions: share of the slope that a step must gain, and that it leaves at most
+where it tells of the curvature."""
+SHORTEST = 0.1
+"""Share of a step that is tried next, at least: a parabola says little of what is far off."""
 
 
 @compiled(_TABLE(_VECTOR), any_order=True, inner=True)
@@ -227,8 +229,16 @@ def value(
     return found
 
 
+@compiled(_NUMBER(_NUMBER, _NUMBER), inner=True)
+def _shortened(rise: float, down: float) -> float:
+    """Share of a step by the parabola through its ends and its slope, a tenth to a half."""
+    if not np.isfinite(rise):
+        return SHORTEST
+    return min(max(-0.5 * down / (rise - down), SHORTEST), 0.5)
+
+
 @compiled(
-    numba.boolean(
+    numba.void(
         _VECTOR, _TABLE, _VECTOR, _NUMBER, _NUMBER, _WHOLE,
         _VECTOR, _PLACES, _PLACES, _PLACES, _WHOLE,
     ),
@@ -237,18 +247,17 @@ def value(
 def descend(
     start: Array, root: Array, moved: Array, farthest: float, still: float, most: int,
     filled: Array, ends: Indices, missing: Indices, gone: Indices, count: int,
-) -> bool:  # fmt: skip
+) -> None:  # fmt: skip
     """Minimise half of `value` at ``tanh(start + root moved)`` over ``moved``, in place.
 
-    By BFGS steps as those of `scipy.optimize.minimize` (J. Nocedal & S. Wright, *Numerical
-    Optimization*, 2nd ed., chapter 6, 2006), where the first one that its line search tries meets
-    the strong Wolfe conditions. So does nearly every one here; otherwise it is given up, which is
-    what is returned as false.
+    By BFGS steps that are shortened until they gain enough (J. Nocedal & S. Wright, *Numerical
+    Optimization*, 2nd ed., chapters 3 and 6, 2006). What a step tells of the curvature is taken
+    where it tells any.
     """
     p = moved.size
     k, by_k, slope, after = np.empty(p), np.empty(p), np.zeros(p), np.zeros(p)
     step, trial, inverse = np.zeros(p), moved.copy(), np.zeros((p, p))
-    now, before, down, length = 0.0, 0.0, 0.0, 0.0
+    now, before, down, length = np.inf, 0.0, 0.0, 0.0
     for turn in range(most + 1):
         for i in range(p):
             total = start[i]
@@ -256,40 +265,41 @@ def descend(
                 total += root[i, j] * trial[j]
             k[i] = min(max(np.tanh(total), -farthest), farthest)
         there = 0.5 * value(k, filled, ends, missing, gone, count, by_k)
-        along, largest, square = 0.0, 0.0, 0.0
-        for j in range(p):
-            after[j] = 0.0
-            for i in range(p):
-                after[j] += 0.5 * by_k[i] * (1.0 - k[i] * k[i]) * root[i, j]
-            along += after[j] * step[j]
-            largest = max(largest, abs(after[j]))
-            square += after[j] * after[j]
-        if turn == 0:
-            before = there + 0.5 * np.sqrt(square)
-            for i in range(p):
-                inverse[i, i] = 1.0
+        if turn > 0 and not there <= now + SUFFICIENT * length * down:
+            length *= _shortened(there - now, length * down)
         else:
-            enough = there <= now + SUFFICIENT * length * down
-            if not (enough and abs(along) <= -CURVED * down):
-                return False
-            before = now
-            update(inverse, step, slope, after, length)
-        now = there
-        for i in range(p):
-            moved[i], slope[i] = trial[i], after[i]
-        if not largest > still:
-            return True
-        down = 0.0
-        for i in range(p):
-            step[i] = 0.0
+            along, largest, square = 0.0, 0.0, 0.0
             for j in range(p):
-                step[i] -= inverse[i, j] * slope[j]
-            down += slope[i] * step[i]
-        if not down < 0.0:
-            return False
-        length = min(1.0, 1.01 * 2.0 * (now - before) / down)
-        if length < 0.0:
-            length = 1.0
+                after[j] = 0.0
+                for i in range(p):
+                    after[j] += 0.5 * by_k[i] * (1.0 - k[i] * k[i]) * root[i, j]
+                along += after[j] * step[j]
+                largest = max(largest, abs(after[j]))
+                square += after[j] * after[j]
+            if turn == 0:
+                now = there
+                before = now + 0.5 * np.sqrt(square)
+                for i in range(p):
+                    inverse[i, i] = 1.0
+            else:
+                before = now
+                if along > CURVED * down:
+                    update(inverse, step, slope, after, length)
+            now = there
+            for i in range(p):
+                moved[i], slope[i] = trial[i], after[i]
+            if not largest > still:
+                return
+            down = 0.0
+            for i in range(p):
+                step[i] = 0.0
+                for j in range(p):
+                    step[i] -= inverse[i, j] * slope[j]
+                down += slope[i] * step[i]
+            if not down < 0.0:
+                return
+            length = min(1.0, 1.01 * 2.0 * (now - before) / down)
+            if length < 0.0:
+                length = 1.0
         for i in range(p):
             trial[i] = moved[i] + length * step[i]
-    return True
