@@ -32,7 +32,6 @@ L. Ljung, T. Soderstrom, Theory and Practice of Recursive Identification, MIT Pr
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
 from typing import ClassVar
@@ -91,7 +90,7 @@ class EquationError(Suspecting):
         """The compiled sample loop."""
         from tridentify.online.kernels.equation import equation_step
 
-        return CompiledKernels(equation_step, block_of_equation)
+        return CompiledKernels(equation_step, in_blocks=True)
 
     @abstractmethod
     def plan(
@@ -254,13 +253,6 @@ class EquationError(Suspecting):
             None if filtering else float(np.linalg.cond(root[-k:])),
         )  # fmt: skip
         return with_findings(state, replace(found, findings=bias_finding(white, cov)))
-
-
-def block_of_equation() -> Callable[..., int]:
-    """The compiled block; compiled, or read from disk, at the first call."""
-    from tridentify.online.kernels.equation_block import equation_block
-
-    return equation_block
 
 
 def unknowns_of(blueprint: Blueprint, x: Array, n_outputs: int) -> tuple[Array, Array, Array]:

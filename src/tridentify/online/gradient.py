@@ -84,10 +84,11 @@ from tridentify.online.gradient_follow import (
     GradientRule,
     extra_of,
     followed,
+    launched,
+    nuisance_of,
     periods_of,
     tables_of,
 )
-from tridentify.online.gradient_launch import launched, nuisance_of
 from tridentify.online.gradient_periods import (
     as_scattered,
     average,
@@ -95,13 +96,16 @@ from tridentify.online.gradient_periods import (
     expected_covariance,
     first_rate,
     mean_of,
+    moments_of,
+    noise_of,
     outputs_of,
     present,
+    put_unknowns,
     scatter,
+    signals_of,
     used_of,
 )
 from tridentify.online.gradient_plan import Basis, plan
-from tridentify.online.gradient_vector import moments_of, noise_of, put_unknowns, signals_of
 from tridentify.online.kernels import gradient_slots as places
 from tridentify.online.kernels import slots
 from tridentify.online.layout import Blueprint, NuisanceColumns, Setting, collecting, fresh

@@ -19,9 +19,8 @@ from tridentify.studies.declared.nouns import (
     DeclaredSystem,
 )
 from tridentify.studies.declared.reading import read_study, study_from
-from tridentify.studies.declared.result import DeclaredResult
+from tridentify.studies.declared.result import CoefficientStatistics, DeclaredResult
 from tridentify.studies.declared.run import run_study
-from tridentify.studies.declared.statistics import CoefficientStatistics
 from tridentify.studies.shipped import SHIPPED, shipped_study
 
 __all__ = [

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from tridentify.errors import OptionError, UnreadableFileError, shown
-from tridentify.studies.declared.cells import cells, meetings
 from tridentify.studies.declared.draw import prepare
 from tridentify.studies.declared.methods import KINDS, checked_for, options_of
 from tridentify.studies.declared.nouns import (
@@ -25,6 +24,8 @@ from tridentify.studies.declared.nouns import (
     DeclaredSystem,
     Offered,
     Options,
+    cells,
+    meetings,
 )
 from tridentify.studies.declared.signals import (
     ARMA,
