@@ -43,12 +43,13 @@ from tridentify.estimation.answer.estimate import Estimate, Status, Trace
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.online.asked import not_ready, refuse_drift
 from tridentify.online.equation_plan import maps_of
-from tridentify.online.estimator import CompiledKernels, check_asked, kept_samples
+from tridentify.online.estimator import CompiledKernels, check_asked
 from tridentify.online.findings import bias_finding, with_findings
 from tridentify.online.kernels import slots
 from tridentify.online.layout import (
     Blueprint,
     Setting,
+    Stage,
     collecting,
     constants_for,
     discretize_each,
@@ -60,17 +61,13 @@ from tridentify.online.scatter import widened, with_scatter
 from tridentify.online.search import FoundPoles, clean_search, filter_poles, poles_of_start
 from tridentify.online.starting import (
     admissible,
-    advanced,
-    again,
     calm,
-    idle,
     run_kept,
-    shortened,
     take_clocks,
     waiting,
     without,
 )
-from tridentify.online.state import Stage, State
+from tridentify.online.state import State
 from tridentify.online.suspecting import MOST_KEPT, Suspecting
 from tridentify.online.task import Task
 from tridentify.transfer_function import TransferFunction
@@ -155,24 +152,25 @@ class EquationError(Suspecting):
 
     def adapt(self, state: State) -> State:
         """Search for the filter."""
-        if not state.stage.searching:
-            return state
-        x, stage = state
-        setting, kept = stage.setting, kept_samples(state)
-        begun_anew = x[slots.COUNT] > len(kept)
-        if not x[slots.WORK_DONE]:
-            x[slots.WORK_AT] = float(len(kept))
-        count = int(x[slots.WORK_AT])
-        task = stage.task or Task(clean_search, setting, kept[:count], begun_anew)
-        further = advanced(state, task)
-        if further is not None:
-            return further
-        found, samples = task.result()
-        state, full = idle(state), count >= MOST_KEPT
-        if found is None or not (found.certain or full):
-            again(x, len(kept), len(kept) - count)
-            return shortened(state, kept) if full else state
-        return self._launched(state, found, np.vstack([samples, kept[count:]]), begun_anew)
+        return self.search(state) if state.stage.searching else state
+
+    def searching_task(self, state: State, samples: Array, begun_anew: bool, full: bool) -> Task:
+        """The search for the filter."""
+        return Task(clean_search, state.stage.setting, samples, begun_anew)
+
+    def from_search(
+        self,
+        state: State,
+        found: tuple[FoundPoles | None, Array],
+        newest: Array,
+        begun_anew: bool,
+        full: bool,
+    ) -> State | None:
+        """Least squares on the filter that was found."""
+        poles, samples = found
+        if poles is None or not (poles.certain or full):
+            return None
+        return self._launched(state, poles, np.vstack([samples, newest]), begun_anew)
 
     def begun_again(self, state: State, found: FoundPoles, samples: Array) -> State:
         """The estimator that goes on from the samples since a change."""

@@ -5,7 +5,6 @@ The gradient rule begins on kept samples: the model found in them, and their rep
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -29,27 +28,26 @@ from tridentify.online.gradient_periods import (
     outputs_of,
     put_parallel,
     put_unknowns,
-    refer,
     samples_of_period,
     signals_of,
     stable_poles,
     still_series,
     write_moments,
 )
-from tridentify.online.gradient_plan import Basis, Tables, plan
+from tridentify.online.gradient_plan import Basis, plan, with_tables
 from tridentify.online.kernels import gradient_slots as places
 from tridentify.online.kernels import slots
+from tridentify.online.launch import begun, reference_of
 from tridentify.online.layout import (
     Blueprint,
     NuisanceColumns,
     Setting,
+    Stage,
     constants_for,
-    fresh,
-    watch_of,
 )
 from tridentify.online.search import FoundPoles
 from tridentify.online.starting import admissible, calm, run_kept, take_clocks
-from tridentify.online.state import Stage, State
+from tridentify.online.state import State
 from tridentify.online.summary import carried
 from tridentify.online.suspecting import MOST_KEPT, Suspecting
 
@@ -119,27 +117,17 @@ def _joined(batches: Array, rate: float, held: float | None) -> tuple[Array, flo
     return np.hstack([total, (weights * pairs[:, :, 1:]).sum(axis=1) / total]), 0.5 * rate
 
 
-def tables_of(
-    models: Array, signals: Array, moments: Array | None, noise: Array, orthogonal: bool
-) -> Tables:
-    """Tables with neither a rate nor readiness yet."""
-    weights = 1.0 / np.maximum(noise, 1e-12 * max(float(noise.max()), 1e-280))
-    return Tables(models, signals, weights / weights.mean(), moments, orthogonal, 0.0, 0.0)
-
-
 def _again(
     method: GradientRule, state: State, basis: Basis, batches: Array, rate: float, periods: int
 ) -> State:
     """The same model; the step lengths are brought up to date."""
     x, stage = state
     blueprint = stage.blueprint
-    models = models_of(basis, blueprint)
-    signals = signals_of(basis, blueprint, x)[1]
-    tables = tables_of(
-        models, signals, moments_of(blueprint, x), noise_of(blueprint, x), method.orthogonal
-    )
-    ready = _readiness(basis, blueprint, batches)
-    found = replace(tables, rate=rate, ready=ready).written(basis, blueprint)
+    found = with_tables(
+        basis, blueprint, models_of(basis, blueprint), signals_of(basis, blueprint, x)[1],
+        moments_of(blueprint, x), noise_of(blueprint, x), orthogonal=method.orthogonal, rate=rate,
+        ready=_readiness(basis, blueprint, batches),
+    )  # fmt: skip
     as_expected(blueprint, x)
     return State(x, stage.but(blueprint=found, extra=_kept(stage, batches, rate, periods)))
 
@@ -175,9 +163,10 @@ def _moved(
         models[:, -1] = working[:, -1]
     put_parallel(new, blueprint, found, parallel)
     put_unknowns(blueprint, found, unknowns)
-    tables = tables_of(models, models, moments, noise_of(was, x), method.orthogonal)
-    tables = replace(tables, rate=rate, ready=_readiness(new, was, batches))
-    blueprint = tables.written(new, blueprint)
+    blueprint = with_tables(
+        new, blueprint, models, models, moments, noise_of(was, x), orthogonal=method.orthogonal,
+        rate=rate, ready=_readiness(new, was, batches),
+    )  # fmt: skip
     as_expected(blueprint, found)
     begin_period(found, setting, rate, rested=False)
     return State(
@@ -227,11 +216,10 @@ def launched(
     full: bool,
 ) -> tuple[State, Indices] | None:
     """The models that begin at what was found, and the flags of the samples; None if unsure."""
-    x, stage = state
-    setting = stage.setting
+    stage, setting = state.stage, state.stage.setting
     poles = admissible(setting, found.poles, samples)
     basis = Basis.on_model(setting, nuisance_of(setting, begun_anew), poles)
-    rows = _rows(method, x, stage, basis, samples)
+    rows = _rows(method, state, basis, samples)
     unknowns, models = fitted_to(basis, rows, samples)
     constant, matrix = basis.physical
     theta = constant + matrix @ unknowns
@@ -245,49 +233,35 @@ def launched(
     )
     if not near and not full:
         return None
-    tables = tables_of(models, models, moments, noise**2, method.orthogonal)
-    return _replayed(method, state, basis, samples, tables, unknowns, noise)
-
-
-def _replayed(
-    method: GradientRule, state: State, basis: Basis, samples: Array, tables: Tables,
-    unknowns: Array, noise: Array,
-) -> tuple[State, Indices]:  # fmt: skip
-    """The kept samples on the bank of the model that was found in them, and their flags."""
-    old, stage = state
-    setting, count = stage.setting, float(len(samples))
+    count = float(len(samples))
     rate = method.rate or first_rate(basis, count)
-    assert tables.moments is not None
-    begun = replace(tables, rate=rate, ready=places.DOUBTS)
-    blueprint = begun.written(basis, plan(basis, len(samples) < MOST_KEPT))
-    x = fresh(blueprint)
-    refer(old, x, blueprint)
-    for i in range(setting.n_outputs):
-        x[watch_of(blueprint, i) + slots.SCALE] = noise[i]
-    write_moments(blueprint, x, tables.moments, count)
+    blueprint = with_tables(
+        basis, plan(basis, len(samples) < MOST_KEPT), models, models, moments, noise**2,
+        orthogonal=method.orthogonal, rate=rate, ready=places.DOUBTS,
+    )  # fmt: skip
+    x = begun(blueprint, noise, reference_of(state))
+    write_moments(blueprint, x, moments, count)
     put_unknowns(blueprint, x, unknowns)
     x[places.FROM] = np.inf
     flags = run_kept(method, setting, blueprint, x, samples)
-    take_clocks(old, stage.blueprint, x, blueprint, len(samples))
+    take_clocks(state.values, stage.blueprint, x, blueprint, len(samples))
     x[slots.FILLED] = 0.0
     put_unknowns(blueprint, x, unknowns)
     still_series(basis, blueprint, x)
-    constant, matrix = basis.physical
-    first = np.concatenate([[count], constant + matrix @ unknowns])
-    found = stage.but(
+    first = np.concatenate([[count], theta])
+    new = stage.but(
         blueprint=blueprint, poles=basis.filter_poles, past=(samples,), searching=False,
         extra=extra_of(first[None, :], rate, 0),
     )  # fmt: skip
-    calm(x, found)
+    calm(x, new)
     begin_period(x, setting, rate, rested=False)
-    return State(x, found), flags
+    return State(x, new), flags
 
 
-def _rows(method: GradientRule, old: Array, stage: Stage, basis: Basis, samples: Array) -> Array:
+def _rows(method: GradientRule, state: State, basis: Basis, samples: Array) -> Array:
     """The row of each kept sample."""
-    setting, blueprint = stage.setting, plan(basis)
-    x = fresh(blueprint)
-    refer(old, x, blueprint)
+    setting, blueprint = basis.setting, plan(basis)
+    x = begun(blueprint, np.zeros(setting.n_outputs), reference_of(state))
     n, at, m = blueprint.n_columns, int(blueprint.ints[slots.AT_ROW]), setting.n_inputs
     rows = np.zeros((len(samples), n))
     for k, after in enumerate(samples[:, 0].tolist()):

@@ -86,15 +86,6 @@ def noise_of(blueprint: Blueprint, x: Array) -> Array:
     return found
 
 
-def refer(old: Array, x: Array, blueprint: Blueprint) -> None:
-    """The trim input, where samples begin in the middle."""
-    ints = blueprint.ints
-    if ints[slots.EQUILIBRIUM] and ints[slots.FREE]:
-        at, m = int(ints[slots.AT_REFERENCE]), int(ints[slots.INPUTS])
-        x[at : at + m] = old[at : at + m]
-        x[slots.COUNT] = 1.0
-
-
 def put_unknowns(blueprint: Blueprint, x: Array, unknowns: Array) -> None:
     """Step 2 begins at a model."""
     at, k = int(blueprint.ints[places.X_SECOND]), unknowns.size

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from tridentify.numerics.realization import Cascade, cascade
 from tridentify.numerics.sampled import split_delay
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.slots import scatter_size, triangle_size
+from tridentify.online.task import Task
 from tridentify.structure import Structure
 
 CHUNK = 64
@@ -142,6 +143,44 @@ class Blueprint:
     def n_columns(self) -> int:
         """Width of a row."""
         return int(self.ints[slots.COLUMNS])
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """What holds between two events of an estimator.
+
+    Attributes
+    ----------
+    method : Estimator
+    setting : Setting
+    blueprint : Blueprint
+    poles : (n,) complex array
+        Of the model, as last solved for; empty before the first time.
+    past : tuple of (k, n_inputs + n_outputs + 1) arrays
+        Samples that are kept: interval, inputs, outputs.
+    changes : tuple of int
+        Samples at which the coefficients were found to have moved.
+    searching : bool
+        Whether a model is still looked for.
+    extra : tuple of arrays
+        What else a method keeps.
+    task : Task, optional
+        Work that is under way; not saved, as the other numbers say how to do it again.
+    """
+
+    method: Any
+    setting: Setting
+    blueprint: Blueprint
+    poles: Complex
+    past: tuple[Array, ...] = ()
+    changes: tuple[int, ...] = ()
+    searching: bool = True
+    extra: tuple[Array, ...] = ()
+    task: Task | None = None
+
+    def but(self, **changes: Any) -> Stage:
+        """A copy with other values."""
+        return replace(self, **changes)
 
 
 class Places:

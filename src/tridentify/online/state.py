@@ -6,7 +6,6 @@ import base64
 import dataclasses
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar
 
@@ -14,12 +13,11 @@ import numpy as np
 
 from tridentify.errors import TridentifyError, shown
 from tridentify.estimation.answer.encoding import load_document, save_document
-from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.arrays import Array
 from tridentify.online.flags import Flag
 from tridentify.online.integrity import MOST_ORDER, check_orders, check_room, check_sound
 from tridentify.online.kernels import slots
-from tridentify.online.layout import Blueprint, NuisanceColumns, Setting
-from tridentify.online.task import Task
+from tridentify.online.layout import Blueprint, NuisanceColumns, Setting, Stage
 from tridentify.record.checks.values import check_keys, checked, texts
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
@@ -61,44 +59,6 @@ class Maker(Protocol):
 
 MAKERS: dict[str, type[Any]] = {}
 """Name -> class of the estimators, each entered where it is defined."""
-
-
-@dataclass(frozen=True, eq=False)
-class Stage:
-    """What holds between two events of an estimator.
-
-    Attributes
-    ----------
-    method : Estimator
-    setting : Setting
-    blueprint : Blueprint
-    poles : (n,) complex array
-        Of the model, as last solved for; empty before the first time.
-    past : tuple of (k, n_inputs + n_outputs + 1) arrays
-        Samples that are kept: interval, inputs, outputs.
-    changes : tuple of int
-        Samples at which the coefficients were found to have moved.
-    searching : bool
-        Whether a model is still looked for.
-    extra : tuple of arrays
-        What else a method keeps.
-    task : Task, optional
-        Work that is under way; not saved, as the other numbers say how to do it again.
-    """
-
-    method: Any
-    setting: Setting
-    blueprint: Blueprint
-    poles: Complex
-    past: tuple[Array, ...] = ()
-    changes: tuple[int, ...] = ()
-    searching: bool = True
-    extra: tuple[Array, ...] = ()
-    task: Task | None = None
-
-    def but(self, **changes: Any) -> Stage:
-        """A copy with other values."""
-        return dataclasses.replace(self, **changes)
 
 
 class State(NamedTuple):

@@ -25,7 +25,7 @@ the two covariances, or in its own place where the plant has drifted and the met
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -36,12 +36,12 @@ from tridentify.numerics.threads import one_blas_thread
 from tridentify.online.asked import NotReadyError
 from tridentify.online.estimator import Estimator, kept_samples
 from tridentify.online.kernels import slots
-from tridentify.online.layout import Setting
+from tridentify.online.layout import Setting, Stage
 from tridentify.online.residual import Refined, is_driven, refined
 from tridentify.online.scatter import wonted
 from tridentify.online.search import DOUBTED, TRIED, FoundPoles, clean_search, first_try, record_of
-from tridentify.online.starting import advanced, calm, idle, roomed, told_changed
-from tridentify.online.state import Stage, State
+from tridentify.online.starting import advanced, again, calm, idle, roomed, shortened, told_changed
+from tridentify.online.state import State
 from tridentify.online.suspicion import (
     LARGER,
     Old,
@@ -168,6 +168,35 @@ class Suspecting(Estimator):
     @abstractmethod
     def begun_again(self, state: State, found: FoundPoles, samples: Array) -> State:
         """The estimator that goes on from the samples since a change, without a witness."""
+
+    @abstractmethod
+    def searching_task(self, state: State, samples: Array, begun_anew: bool, full: bool) -> Task:
+        """The search for a model among the first samples."""
+
+    @abstractmethod
+    def from_search(
+        self, state: State, found: Any, newest: Array, begun_anew: bool, full: bool
+    ) -> State | None:
+        """The estimator that begins at what was found; None if that is not sure enough."""
+
+    def search(self, state: State) -> State:
+        """A slice of the search for a model."""
+        x, kept = state.values, kept_samples(state)
+        begun_anew = bool(x[slots.COUNT] > len(kept))
+        if not x[slots.WORK_DONE]:
+            x[slots.WORK_AT] = float(len(kept))
+        count = int(x[slots.WORK_AT])
+        full = count >= MOST_KEPT
+        task = state.stage.task or self.searching_task(state, kept[:count], begun_anew, full)
+        further = advanced(state, task)
+        if further is not None:
+            return further
+        found, state = task.result(), idle(state)
+        begun = self.from_search(state, found, kept[count:], begun_anew, full)
+        if begun is not None:
+            return begun
+        again(x, len(kept), len(kept) - count)
+        return shortened(state, kept) if full else state
 
     def tick(self, state: State) -> State:
         """A slice of the look at a suspicion, or what the method's own clock asks for."""

@@ -76,6 +76,7 @@ from tridentify.online.layout import (
     Blueprint,
     NuisanceColumns,
     Setting,
+    Stage,
     collecting,
     fresh,
     parallel,
@@ -92,7 +93,7 @@ from tridentify.online.starting import (
     told_changed,
     waiting,
 )
-from tridentify.online.state import Stage, State
+from tridentify.online.state import State
 from tridentify.online.steps import estimate_of, solve_steps
 from tridentify.online.suspicion import Look, Old, packed, trying, unpacked
 from tridentify.online.task import Task
