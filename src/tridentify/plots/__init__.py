@@ -12,13 +12,12 @@ from tridentify.plots.bode import plot_bode
 from tridentify.plots.comparison import plot_comparison
 from tridentify.plots.convergence import plot_convergence
 from tridentify.plots.cost_surface import plot_cost_surface
-from tridentify.plots.fit import plot_compared, plot_fit, plot_residual
+from tridentify.plots.fit import plot_compared, plot_fit, plot_record, plot_residual
 from tridentify.plots.fleet import plot_fleet
 from tridentify.plots.measured import plot_frequency_response
 from tridentify.plots.nyquist import plot_nyquist
 from tridentify.plots.over_time import plot_impulse, plot_step
 from tridentify.plots.pole_zero import plot_pole_zero
-from tridentify.plots.record import plot_record
 from tridentify.plots.residual_tests import plot_residual_tests
 from tridentify.plots.selection import plot_hankel, plot_selection
 from tridentify.plots.spectrum import plot_excitation, plot_spectrum

@@ -12,20 +12,22 @@ from __future__ import annotations
 import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
-from tridentify.plots.diagrams.blocks import (
+from tridentify.plots.diagrams.drawing import MODEL, OBJECT, SOFT, Board, Diagram, wrapped
+from tridentify.plots.diagrams.steps import Taken, taken, took
+from tridentify.plots.diagrams.words import (
     add_up,
     adjusts,
     draw_object,
     enters,
     heading,
+    index,
     judge,
+    number,
     operator_lines,
     operator_rows,
     operators_note,
+    terms,
 )
-from tridentify.plots.diagrams.drawing import MODEL, OBJECT, SOFT, Board, Diagram, wrapped
-from tridentify.plots.diagrams.steps import Taken, taken, took
-from tridentify.plots.diagrams.words import index, number, terms
 from tridentify.plots.style import channel
 
 
