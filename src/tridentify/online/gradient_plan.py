@@ -318,7 +318,7 @@ def _reciprocal(values: Array) -> Array:
 def plan(basis: Basis, keep: bool = False) -> Blueprint:
     """The plan of the vector, with no tables yet; ``keep``: samples are kept."""
     setting, nuisance = basis.setting, basis.nuisance
-    base = parallel(setting, basis.poles, nuisance, keep, 1.0, 0)
+    base = parallel(setting, basis.poles, nuisance, keep)
     p, n = setting.n_outputs, base.n_columns
     ints = base.ints
     k1 = basis.parallel.shape[0]

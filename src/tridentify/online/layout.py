@@ -198,9 +198,8 @@ class Places:
 
 def collecting(setting: Setting) -> Blueprint:
     """Only the samples are kept."""
-    return _blueprint(
-        setting, np.zeros(0, dtype=np.complex128), NuisanceColumns(False, False, False), 0
-    )
+    nothing = np.zeros(0, dtype=np.complex128)
+    return parallel(setting, nothing, NuisanceColumns(False, False, False), True)
 
 
 def parallel(
@@ -208,10 +207,10 @@ def parallel(
     poles: Complex,
     nuisance: NuisanceColumns,
     keep: bool,
-    forgetting: float,
-    kind: int,
+    forgetting: float = 1.0,
+    kind: int = 0,
 ) -> Blueprint:
-    """Step 1 on a bank.
+    """Step 1 on a bank; without poles only the samples are kept.
 
     Parameters
     ----------
@@ -225,22 +224,11 @@ def parallel(
     kind : int
         Of forgetting, as in `online.kernels.parallel`.
     """
-    return _blueprint(setting, poles, nuisance, CHUNK if keep else 0, forgetting, kind)
-
-
-def _blueprint(
-    setting: Setting,
-    poles: Complex,
-    nuisance: NuisanceColumns,
-    chunk: int,
-    forgetting: float = 1.0,
-    kind: int = 0,
-) -> Blueprint:
     m, p, q = setting.n_inputs, setting.n_outputs, poles.size
     columns = q * (m + nuisance.free) + m + nuisance.offset + nuisance.drift if q else 0
     directions = setting.n_directions if q else 0
     ints, plan, constants = places_of(
-        setting, poles, nuisance, columns, directions, chunk or (CHUNK if q == 0 else 0), kind
+        setting, poles, nuisance, columns, directions, CHUNK if keep else 0, kind
     )
     ints[slots.DRIFT] = nuisance.drift
     ints[slots.DIRECTIONS_STRIDE] = directions * columns
