@@ -136,8 +136,12 @@ OWN = ("source", "file", "stamp", "digest", "unreadable", "findings")
 """Of a card, what the page does not need."""
 
 
-class Desk:
-    """The session, the processes that work for it, and the file that keeps it.
+FROM_DISK = "disk"
+"""Who changed something, where it was no page."""
+
+
+class Records:
+    """The session, the processes and the file that keeps it, and what is done to records.
 
     Parameters
     ----------
@@ -175,7 +179,8 @@ class Desk:
         self.session.close()
 
     def document(self) -> dict[str, Any]:
-        """All that the page shows of the session."""
+        """All that the page shows of the session, files as they are now."""
+        self.look_again()
         state = self.session.state
         return {
             "version": version("tridentify"),
@@ -247,38 +252,6 @@ class Desk:
             state = copy.deepcopy(self.session.state)
             change(state)
             (self.session.overwrite if quietly else self.session.write)(state)
-
-
-def shown_of(card: Card) -> Card:
-    """A card without what the page does not need."""
-    return {name: value for name, value in card.items() if name not in OWN}
-
-
-def is_gone(source: Mapping[str, Any]) -> bool:
-    """Whether the file of a record is not where it was opened."""
-    return source["upload"] is None and not Path(source["path"]).is_file()
-
-
-def plain_card(record: Card) -> Card:
-    """What tasks need of a card."""
-    names = (
-        "name", "path", "file", "t0", "inputs", "outputs", "references", "intersample", "ranges",
-        "bad",
-    )  # fmt: skip
-    return {name: record[name] for name in names} | {"given_dt": record.get("given_dt")}
-
-
-FROM_DISK = "disk"
-"""Who changed something, where it was no page."""
-
-
-class Records(Desk):
-    """What is done to records."""
-
-    def document(self) -> dict[str, Any]:
-        """All that the page shows of the session, files as they are now."""
-        self.look_again()
-        return super().document()
 
     def open_file(self, name: str, dt: float | None = None) -> Card:
         """Open a file of the folder; ``dt`` [s] where it has no time of its own."""
@@ -398,6 +371,25 @@ class Records(Desk):
         """Ask the reader about a record."""
         record = self.record(name)
         return self.reader.call(task, source=record["source"], **arguments)
+
+
+def shown_of(card: Card) -> Card:
+    """A card without what the page does not need."""
+    return {name: value for name, value in card.items() if name not in OWN}
+
+
+def is_gone(source: Mapping[str, Any]) -> bool:
+    """Whether the file of a record is not where it was opened."""
+    return source["upload"] is None and not Path(source["path"]).is_file()
+
+
+def plain_card(record: Card) -> Card:
+    """What tasks need of a card."""
+    names = (
+        "name", "path", "file", "t0", "inputs", "outputs", "references", "intersample", "ranges",
+        "bad",
+    )  # fmt: skip
+    return {name: record[name] for name in names} | {"given_dt": record.get("given_dt")}
 
 
 def stamp_of(source: Mapping[str, Any]) -> list[int] | None:

@@ -234,13 +234,8 @@ def session(bench: Bench) -> APIRouter:
     """The session as a whole, what can be asked, what goes on."""
     router = APIRouter()
 
-    @router.get("/session")
-    def all_of_it() -> dict[str, Any]:
-        return bench.document()
-
-    @router.get("/files")
-    def listed() -> list[dict[str, Any]]:
-        return bench.files()
+    router.get("/session")(bench.document)
+    router.get("/files")(bench.files)
 
     @router.get("/options")
     def options() -> list[dict[str, Any]]:
@@ -401,9 +396,7 @@ def models(bench: Bench) -> APIRouter:
         card = bench.card(bench.record(body.record))
         return {"job": job.id, "model": job.model, "record": card}
 
-    @router.get("/models/{name}")
-    def detail(name: str) -> dict[str, Any]:
-        return bench.describe(name)
+    router.get("/models/{name}")(bench.describe)
 
     @router.get("/models/{name}/panel/{kind}")
     def panel(

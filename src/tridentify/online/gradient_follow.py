@@ -19,6 +19,7 @@ from tridentify.online.gradient_periods import (
     columns_between,
     expected_covariance,
     first_rate,
+    fits,
     fitted_to,
     mean_of,
     models_of,
@@ -31,7 +32,6 @@ from tridentify.online.gradient_periods import (
     samples_of_period,
     signals_of,
     stable_poles,
-    still_series,
     write_moments,
 )
 from tridentify.online.gradient_plan import Basis, plan, with_tables
@@ -124,7 +124,7 @@ def _again(
     x, stage = state
     blueprint = stage.blueprint
     found = with_tables(
-        basis, blueprint, models_of(basis, blueprint), signals_of(basis, blueprint, x)[1],
+        basis, blueprint, models_of(blueprint), signals_of(basis, blueprint, x)[1],
         moments_of(blueprint, x), noise_of(blueprint, x), orthogonal=method.orthogonal, rate=rate,
         ready=_readiness(basis, blueprint, batches),
     )  # fmt: skip
@@ -247,7 +247,8 @@ def launched(
     take_clocks(state.values, stage.blueprint, x, blueprint, len(samples))
     x[slots.FILLED] = 0.0
     put_unknowns(blueprint, x, unknowns)
-    still_series(basis, blueprint, x)
+    for _, series, _ in fits(blueprint):
+        x[series] = 0.0  # beta = (1, 0, ..., 0)
     first = np.concatenate([[count], theta])
     new = stage.but(
         blueprint=blueprint, poles=basis.filter_poles, past=(samples,), searching=False,

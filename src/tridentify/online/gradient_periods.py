@@ -5,6 +5,8 @@ What stands in the vector of the gradient rule: read, and written when models be
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
@@ -37,6 +39,16 @@ def write_moments(blueprint: Blueprint, x: Array, moments: Array, count: float) 
     x[places.MOMENTS] = count
 
 
+def fits(blueprint: Blueprint) -> Iterator[tuple[slice, slice, int]]:
+    """Places of each output: weights of Step 1 and of Step 3 in the vector, ``t_0`` in ``c``."""
+    ints, n = blueprint.ints, blueprint.n_columns
+    k1, k3 = int(ints[places.PARALLEL_UNKNOWNS]), int(ints[places.SERIES_UNKNOWNS])
+    for i in range(int(ints[slots.OUTPUTS])):
+        at = int(ints[places.X_FITS]) + i * (k1 + k3 + 2)
+        t0 = int(ints[places.C_FITS]) + i * places.fits_stride(ints) + k1 * (n + k1)
+        yield slice(at, at + k1), slice(at + k1 + 1, at + k1 + 1 + k3), t0
+
+
 def signals_of(basis: Basis, blueprint: Blueprint, x: Array) -> tuple[Array, Array]:
     """(n_outputs, n) rows of the parallel model and of the one that Step 2 works on, constants too.
 
@@ -46,31 +58,20 @@ def signals_of(basis: Basis, blueprint: Blueprint, x: Array) -> tuple[Array, Arr
     blueprint : Blueprint
     x : array
     """
-    ints, c, n = blueprint.ints, blueprint.constants, blueprint.n_columns
-    k1, k3 = int(ints[places.PARALLEL_UNKNOWNS]), int(ints[places.SERIES_UNKNOWNS])
-    first = np.zeros((basis.setting.n_outputs, n))
-    working = np.zeros_like(first)
-    for i in range(len(first)):
-        base = int(ints[places.C_FITS]) + i * places.fits_stride(ints)
-        at = int(ints[places.X_FITS]) + i * (k1 + k3 + 2)
-        first[i] = x[at : at + k1] @ basis.parallel
-        working[i] = first[i]
+    c, n = blueprint.constants, blueprint.n_columns
+    first, working = np.zeros((2, basis.setting.n_outputs, n))
+    for i, (one, three, t0) in enumerate(fits(blueprint)):
+        working[i] = first[i] = x[one] @ basis.parallel
         if basis.adapted:
-            t0 = base + k1 * (n + k1)
-            table = c[t0 + n : t0 + n + k3 * n].reshape(k3, n)
-            working[i] = c[t0 : t0 + n] + x[at + k1 + 1 : at + k1 + 1 + k3] @ table
+            table = c[t0 + n : t0 + n + (three.stop - three.start) * n].reshape(-1, n)
+            working[i] = c[t0 : t0 + n] + x[three] @ table
     return first, working
 
 
-def models_of(basis: Basis, blueprint: Blueprint) -> Array:
+def models_of(blueprint: Blueprint) -> Array:
     """(n_outputs, n) the rows ``t_0`` of a blueprint."""
-    ints, n = blueprint.ints, blueprint.n_columns
-    k1 = int(ints[places.PARALLEL_UNKNOWNS])
-    found = np.zeros((basis.setting.n_outputs, n))
-    for i in range(len(found)):
-        at = int(ints[places.C_FITS]) + i * places.fits_stride(ints) + k1 * (n + k1)
-        found[i] = blueprint.constants[at : at + n]
-    return found
+    c, n = blueprint.constants, blueprint.n_columns
+    return np.array([c[t0 : t0 + n] for _, _, t0 in fits(blueprint)])
 
 
 def noise_of(blueprint: Blueprint, x: Array) -> Array:
@@ -96,34 +97,19 @@ def put_unknowns(blueprint: Blueprint, x: Array, unknowns: Array) -> None:
 
 def as_expected(blueprint: Blueprint, x: Array) -> None:
     """The means of ``phi' P phi`` are what they ought to be; sums begin anew."""
-    ints = blueprint.ints
-    k1, k3 = int(ints[places.PARALLEL_UNKNOWNS]), int(ints[places.SERIES_UNKNOWNS])
-    p, at = int(ints[slots.OUTPUTS]), int(ints[places.X_FITS])
-    for i in range(p):
-        x[at + i * (k1 + k3 + 2) + k1] = k1
-        x[at + i * (k1 + k3 + 2) + k1 + k3 + 1] = k3
+    ints, p = blueprint.ints, int(blueprint.ints[slots.OUTPUTS])
+    for one, three, _ in fits(blueprint):
+        x[one.stop], x[three.stop] = one.stop - one.start, three.stop - three.start
     k = int(ints[places.POLES] + p * ints[places.OWN])
     at = int(ints[places.X_SECOND])
     x[at + k] = k / p
     x[at + k + 1 : at + 2 * k + 1] = 0.0
 
 
-def still_series(basis: Basis, blueprint: Blueprint, x: Array) -> None:
-    """``beta = (1, 0, ..., 0)``."""
-    ints = blueprint.ints
-    k1, k3 = int(ints[places.PARALLEL_UNKNOWNS]), int(ints[places.SERIES_UNKNOWNS])
-    for i in range(basis.setting.n_outputs):
-        at = int(ints[places.X_FITS]) + i * (k1 + k3 + 2) + k1 + 1
-        x[at : at + k3] = 0.0
-
-
 def put_parallel(basis: Basis, blueprint: Blueprint, x: Array, signals: Array) -> None:
     """The weights of the parallel model whose output is a row, as far as it can be."""
-    ints = blueprint.ints
-    k1, k3 = int(ints[places.PARALLEL_UNKNOWNS]), int(ints[places.SERIES_UNKNOWNS])
-    for i, signal in enumerate(signals):
-        at = int(ints[places.X_FITS]) + i * (k1 + k3 + 2)
-        x[at : at + k1] = basis.parallel @ signal
+    for (one, _, _), signal in zip(fits(blueprint), signals, strict=True):
+        x[one] = basis.parallel @ signal
 
 
 STEPS_PER_UNKNOWN, SLOWER = 10, 4.0

@@ -5,9 +5,9 @@ from __future__ import annotations
 import base64
 import dataclasses
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,8 +22,6 @@ from tridentify.record.checks.values import check_keys, checked, texts
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 
-T = TypeVar("T")
-
 SCHEMA = 1
 """Version of the file format."""
 KEY = "online_state"
@@ -32,29 +30,6 @@ KEYS = (
     "ints", "constants", "bank", "poles", "past", "changes", "searching", "extra", "values",
 )  # fmt: skip
 _NOT_READY = Flag.NOT_READY.value
-
-
-class Maker(Protocol):
-    """What a state asks of the estimator that made it."""
-
-    one_triangle: ClassVar[bool]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Name and options, ready for JSON."""
-
-    def setting(
-        self,
-        structure: Structure,
-        dt: float,
-        input_names: Sequence[str],
-        output_names: Sequence[str],
-        units: Mapping[str, str] | None,
-        intersample: str,
-    ) -> Setting:
-        """What it is told at the beginning, checked."""
-
-    def rebuilt(self, setting: Setting, blueprint: Blueprint) -> Blueprint:
-        """The plan of a blueprint from a file, made again."""
 
 
 MAKERS: dict[str, type[Any]] = {}
@@ -239,7 +214,7 @@ def unpacked(text: object) -> Array:
     return np.frombuffer(data, dtype="<f8").astype(np.float64)
 
 
-def method_from_dict(document: Mapping[str, Any]) -> Maker:
+def method_from_dict(document: Mapping[str, Any]) -> Any:
     """The estimator that ``to_dict`` described.
 
     Raises
@@ -260,8 +235,7 @@ def method_from_dict(document: Mapping[str, Any]) -> Maker:
         elif isinstance(value, list):
             value = tuple(value)
         options[key] = value
-    made: Maker = cls(**options)
-    return made
+    return cls(**options)
 
 
 def _build(document: Mapping[str, Any]) -> State:
@@ -291,14 +265,14 @@ def _build(document: Mapping[str, Any]) -> State:
     return State(values, stage)
 
 
-def _setting_of(document: Mapping[str, Any], method: Maker) -> Setting:
+def _setting_of(document: Mapping[str, Any], method: Any) -> Setting:
     """What the estimator was told, checked as if it were told now."""
     inputs, outputs = texts(document["input_names"]), texts(document["output_names"])
     structure = checked(document["structure"], dict)
     check_orders(structure["poles"], structure["zeros"], len(inputs), len(outputs))
     units = checked(document["units"], dict)
     dt, intersample = (checked(document[key], str) for key in ("dt", "intersample"))
-    setting = method.setting(
+    setting: Setting = method.setting(
         Structure.from_dict(structure), float.fromhex(dt), inputs, outputs, units, intersample
     )
     # as they were told, in their order

@@ -167,7 +167,7 @@ class Condition:
 
 
 @dataclass(frozen=True, eq=False)
-class AircraftNumbers:
+class AircraftResult:
     """All numbers of the study of the paper's aircraft.
 
     Parameters
@@ -194,6 +194,16 @@ class AircraftNumbers:
         for condition in self.conditions:
             groups.setdefault((condition.n_samples, condition.dt), []).append(condition)
         return tuple(tuple(group) for group in groups.values())
+
+    def table(self) -> str:
+        """Text: the tables, the failures, and what the paper's numbers can mean.
+
+        Returns
+        -------
+        str
+            Plain ASCII, at most 78 columns wide.
+        """
+        return write_text(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers for machines.
@@ -260,12 +270,12 @@ PAPERS_SAMPLES = 100
 MEANING = "What these numbers can mean: 'The paper's aircraft' in the documentation."
 
 
-def write_text(result: AircraftNumbers) -> str:
+def write_text(result: AircraftResult) -> str:
     """Lay out a result.
 
     Parameters
     ----------
-    result : AircraftNumbers
+    result : AircraftResult
 
     Returns
     -------
@@ -281,7 +291,7 @@ def write_text(result: AircraftNumbers) -> str:
 
 
 # ------------------------------------------------------------------------------------ tables
-def _head(result: AircraftNumbers) -> str:
+def _head(result: AircraftResult) -> str:
     return _paragraph(
         "The paper's aircraft, y'' + a1 y' + a0 y = b0 x with a1 = 1, a0 = 3, b0 = 0.5: unit "
         f"step, from rest, white Gaussian noise. {result.draws} noise draws at each level, seed "
@@ -349,7 +359,7 @@ def _legend() -> str:
     )
 
 
-def _estimators(result: AircraftNumbers) -> str:
+def _estimators(result: AircraftResult) -> str:
     return _paragraph(
         "Step 2 alone: the series-parallel model on the recorded output. Steps 1-4: the paper "
         f"literally, three operators, gamma {result.gamma:.3g} rad/s, at most {result.passes} "
@@ -358,7 +368,7 @@ def _estimators(result: AircraftNumbers) -> str:
     )
 
 
-def _reasons(result: AircraftNumbers) -> str:
+def _reasons(result: AircraftResult) -> str:
     """What failed, with one draw on which it can be seen, and why the methods flagged."""
     counts: Counter[tuple[str, str, str]] = Counter()
     seen: dict[tuple[str, str, str], str] = {}
@@ -402,18 +412,3 @@ def _number(value: float) -> str:
 
 def _paragraph(text: str) -> str:
     return textwrap.fill(text, WIDTH, break_long_words=False, break_on_hyphens=False)
-
-
-@dataclass(frozen=True, eq=False)
-class AircraftResult(AircraftNumbers):
-    """What ``AircraftStudy().run()`` gives back; see `AircraftNumbers` for what it holds."""
-
-    def table(self) -> str:
-        """Text: the tables, the failures, and what the paper's numbers can mean.
-
-        Returns
-        -------
-        str
-            Plain ASCII, at most 78 columns wide.
-        """
-        return write_text(self)
