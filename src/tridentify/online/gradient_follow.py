@@ -43,7 +43,6 @@ from tridentify.online.layout import (
     NuisanceColumns,
     Setting,
     Stage,
-    constants_for,
 )
 from tridentify.online.search import FoundPoles
 from tridentify.online.starting import admissible, calm, run_kept, take_clocks
@@ -219,7 +218,10 @@ def launched(
     stage, setting = state.stage, state.stage.setting
     poles = admissible(setting, found.poles, samples)
     basis = Basis.on_model(setting, nuisance_of(setting, begun_anew), poles)
-    rows = _rows(method, state, basis, samples)
+    blank = plan(basis)
+    rows = np.zeros((len(samples), blank.n_columns))
+    x = begun(blank, np.zeros(setting.n_outputs), reference_of(state))
+    run_kept(method, setting, blank, x, samples, rows)
     unknowns, models = fitted_to(basis, rows, samples)
     constant, matrix = basis.physical
     theta = constant + matrix @ unknowns
@@ -257,24 +259,6 @@ def launched(
     calm(x, new)
     begin_period(x, setting, rate, rested=False)
     return State(x, new), flags
-
-
-def _rows(method: GradientRule, state: State, basis: Basis, samples: Array) -> Array:
-    """The row of each kept sample."""
-    setting, blueprint = basis.setting, plan(basis)
-    x = begun(blueprint, np.zeros(setting.n_outputs), reference_of(state))
-    n, at, m = blueprint.n_columns, int(blueprint.ints[slots.AT_ROW]), setting.n_inputs
-    rows = np.zeros((len(samples), n))
-    for k, after in enumerate(samples[:, 0].tolist()):
-        c = blueprint.constants
-        if k and abs(after - setting.dt) > 1e-9 * setting.dt:
-            c = constants_for(blueprint, setting, np.array([after]))[0]
-        x[slots.INBOX : slots.INBOX + m] = samples[k, 1 : 1 + m]
-        x[slots.INBOX + m : slots.INBOX + samples.shape[1] - 1] = samples[k, 1 + m :]
-        method.kernels().step(blueprint.ints, c, x, after)
-        if not (basis.nuisance.free and k < setting.late):
-            rows[k, int(x[slots.FIRST]) :] = x[at + int(x[slots.FIRST]) : at + n]
-    return rows
 
 
 def nuisance_of(setting: Setting, restarted: bool) -> NuisanceColumns:

@@ -12,6 +12,7 @@ from scipy.special import ndtri, stdtrit
 
 from tridentify.errors import OptionError
 from tridentify.estimation.likelihood.problem import BELOW_NYQUIST, FASTEST, LEAST_DAMPED
+from tridentify.models.regression import Layout
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.realization import sort_poles
 from tridentify.online.gradient_plan import Basis, inverse_of, without_constant
@@ -20,7 +21,7 @@ from tridentify.online.kernels import slots
 from tridentify.online.kernels.gradient_slots import MEMORY
 from tridentify.online.layout import Blueprint, Setting, watch_of
 from tridentify.online.scatter import widened
-from tridentify.online.summary import transfer
+from tridentify.online.summary import change_columns, transfer
 from tridentify.transfer_function import TransferFunction
 
 
@@ -271,13 +272,10 @@ def outputs_of(basis: Basis, unknowns: Array) -> Array:
 
 def columns_between(old: Basis, new: Basis) -> Array:
     """(n', n) what takes a row on the columns of one bank to those of another."""
-    move = transfer(old.bank, new.bank)
-    found = np.zeros((new.width, old.width))
-    for j in range(-int(old.nuisance.free), old.setting.n_inputs):
-        found[new.channel(j), old.channel(j)] = move
-    rest = old.width - old.direct(0)
-    found[new.width - rest :, old.width - rest :] = np.eye(rest)
-    return found
+    free, offset, _ = old.nuisance
+    layout = Layout(old.poles.size, old.setting.n_inputs, free, offset, False)
+    move = change_columns(np.eye(old.width), layout, transfer(old.bank, new.bank))
+    return np.ascontiguousarray(move.T)
 
 
 def expected_covariance(

@@ -298,13 +298,7 @@ def draw_row(cell: StudyCell, method: DeclaredMethod, seed: int, draw: int) -> R
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
         found = _answered(cell, method, record)
-    return {
-        "cell": cell.name,
-        "method": method.name,
-        "draw": draw,
-        **found,
-        "seconds": time.process_time() - before,
-    }
+    return _row(cell, method, draw, found, time.process_time() - before)
 
 
 def no_answer(cell: StudyCell, method: DeclaredMethod, draw: int, why: str, seconds: float) -> Row:
@@ -319,13 +313,14 @@ def no_answer(cell: StudyCell, method: DeclaredMethod, draw: int, why: str, seco
     seconds : float
         What it took until then [s].
     """
-    return {
-        "cell": cell.name,
-        "method": method.name,
-        "draw": draw,
-        **_nothing(why),
-        "seconds": seconds,
-    }
+    return _row(cell, method, draw, _nothing(why), seconds)
+
+
+def _row(
+    cell: StudyCell, method: DeclaredMethod, draw: int, found: Mapping[str, Any], seconds: float
+) -> Row:
+    where = {"cell": cell.name, "method": method.name, "draw": draw}
+    return {**where, **found, "seconds": seconds}
 
 
 def generator(cell: StudyCell, seed: int, draw: int) -> np.random.Generator:
@@ -367,14 +362,8 @@ def _answered(cell: StudyCell, method: DeclaredMethod, record: Record) -> dict[s
 
 
 def _nothing(why: str) -> dict[str, Any]:
-    return {
-        "theta": None,
-        "low": None,
-        "high": None,
-        "status": "",
-        "ok": False,
-        "failure": why,
-    }
+    none = dict.fromkeys(("theta", "low", "high"))
+    return {**none, "status": "", "ok": False, "failure": why}
 
 
 def _noise_std(noise: DeclaredNoise, clean: Array) -> float:
