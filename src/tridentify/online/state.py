@@ -1,9 +1,13 @@
-"""The state of an on-line estimator: a plain value."""
+"""The state of an on-line estimator: a plain value.
+
+What may be wrong with the samples or with what they say.
+"""
 
 from __future__ import annotations
 
 import base64
 import dataclasses
+import enum
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,13 +18,55 @@ import numpy as np
 from tridentify.errors import TridentifyError, shown
 from tridentify.estimation.answer.encoding import load_document, save_document
 from tridentify.numerics.arrays import Array
-from tridentify.online.flags import Flag
 from tridentify.online.integrity import MOST_ORDER, check_orders, check_room, check_sound
 from tridentify.online.kernels import slots
 from tridentify.online.layout import Blueprint, NuisanceColumns, Setting, Stage
 from tridentify.record.checks.values import check_keys, checked, texts
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
+
+
+class Flag(enum.Flag):
+    """What a sample, or the samples of late, are found to be. Nothing is ``Flag(0)``.
+
+    Examples
+    --------
+    >>> from tridentify import online
+    >>> flags = online.Flag.STUCK | online.Flag.OUTLIER
+    >>> online.Flag.STUCK in flags, bool(online.Flag(0))
+    (True, False)
+    >>> online.Flag.STUCK.words
+    ('an output that stands still while the model moves; it is not used',)
+    """
+
+    MISSING_OUTPUT = enum.auto()
+    MISSING_INPUT = enum.auto()
+    JITTER = enum.auto()
+    OUTLIER = enum.auto()
+    STUCK = enum.auto()
+    SATURATED = enum.auto()
+    NOT_EXCITED = enum.auto()
+    CHANGED = enum.auto()
+    NOT_READY = enum.auto()
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """What is the matter, a sentence for each flag."""
+        return tuple(_WORDS[one] for one in self)
+
+
+_WORDS = {
+    Flag.MISSING_OUTPUT: "an output sample is missing",
+    Flag.MISSING_INPUT: "an input sample is missing; the one before is held",
+    Flag.JITTER: "the time since the sample before is not the sampling interval",
+    Flag.OUTLIER: "an output far from what is expected of it; it is not used",
+    Flag.STUCK: "an output that stands still while the model moves; it is not used",
+    Flag.SATURATED: "an output at its limit while the model is beyond; it is not used",
+    Flag.NOT_EXCITED: "the input tells nothing new of some combination of coefficients",
+    Flag.CHANGED: "the coefficients have moved",
+    Flag.NOT_READY: "the samples so far do not determine the coefficients",
+}
+
 
 SCHEMA = 1
 """Version of the file format."""

@@ -13,8 +13,8 @@ import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.plots.diagrams.drawing import MODEL, OBJECT, SOFT, Board, Diagram, wrapped
-from tridentify.plots.diagrams.steps import Taken, taken, took
 from tridentify.plots.diagrams.words import (
+    Taken,
     add_up,
     adjusts,
     draw_object,
@@ -26,7 +26,9 @@ from tridentify.plots.diagrams.words import (
     operator_lines,
     operator_rows,
     operators_note,
+    taken,
     terms,
+    took,
 )
 from tridentify.plots.style import channel
 
