@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tridentify import Finding, list_options
-from tridentify.app.plain import finding
-from tridentify.app.wording import in_words_of_the_page
+from tridentify.app.plain import finding, in_words_of_the_page
 
 
 @pytest.mark.parametrize(

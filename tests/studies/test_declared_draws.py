@@ -15,14 +15,19 @@ from declared import document, numbers
 from tridentify.errors import OptionError
 from tridentify.studies import read_study, run_study, shipped_study, study_from
 from tridentify.studies.aircraft import AircraftStudy
-from tridentify.studies.aircraft_numbers import ESTIMATORS
+from tridentify.studies.aircraft_result import ESTIMATORS
 from tridentify.studies.declared import draw as drawing
 from tridentify.studies.declared import run as running
-from tridentify.studies.declared.cells import cells
-from tridentify.studies.declared.draw import Row, draw_row, generator, prepare
-from tridentify.studies.declared.nouns import DeclaredNoise
-from tridentify.studies.declared.signals import autocorrelation, drawn
-from tridentify.studies.declared.statistics import statistics_of
+from tridentify.studies.declared.draw import (
+    Row,
+    autocorrelation,
+    draw_row,
+    drawn,
+    generator,
+    prepare,
+)
+from tridentify.studies.declared.nouns import DeclaredNoise, cells
+from tridentify.studies.declared.result import statistics_of
 from tridentify.studies.declared.working import Draw
 
 BOUND_AGREES = 1e-8

@@ -11,7 +11,7 @@ import pytest
 from declared import STUDY, document
 from tridentify.errors import OptionError, UnreadableFileError
 from tridentify.studies import SHIPPED, read_study, shipped_study, study_from
-from tridentify.studies.declared.cells import cells, draws_of, meetings
+from tridentify.studies.declared.nouns import cells, draws_of, meetings
 
 
 def changed(place: str, value: object) -> dict[str, Any]:

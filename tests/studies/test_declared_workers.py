@@ -17,8 +17,8 @@ from tridentify.errors import MissingDependencyError, OptionError, TridentifyErr
 from tridentify.fleet.workers.job import CRASHED, OVER_TIME, Outcome
 from tridentify.studies import DeclaredStudy, run_study, study_from
 from tridentify.studies.declared import working
-from tridentify.studies.declared.cells import draws_of, meetings
 from tridentify.studies.declared.draw import draw_row
+from tridentify.studies.declared.nouns import draws_of, meetings
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # what Dask says of itself
 

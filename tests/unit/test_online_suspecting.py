@@ -10,9 +10,8 @@ from tridentify.online.estimator import kept_samples
 from tridentify.online.kernels import slots
 from tridentify.online.layout import watch_of
 from tridentify.online.starting import rearranged, with_room
-from tridentify.online.suspecting import MOST_KEPT
+from tridentify.online.suspecting import MOST_KEPT, looking, together
 from tridentify.online.suspicion import Old
-from tridentify.online.witness import looking, together
 
 DT = 0.05
 TRUTH = np.array([3.0, 9.0, 2.0, 3.0])

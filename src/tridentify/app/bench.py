@@ -8,12 +8,10 @@ from types import MappingProxyType
 from typing import Any
 
 from tridentify.app import lines
-from tridentify.app.desk import is_gone, plain_card, shown_of
-from tridentify.app.jobs import Job
-from tridentify.app.records import Records
+from tridentify.app.records import Records, is_gone, plain_card, shown_of
 from tridentify.app.refusals import Card, MissingError, found
 from tridentify.app.session import State
-from tridentify.app.workers import Worker
+from tridentify.app.workers import Job, Worker
 from tridentify.errors import DataError, OptionError, shown
 from tridentify.options import checked, method_of, structure_of, words_of
 from tridentify.structure import AutoStructure

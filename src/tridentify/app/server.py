@@ -1,4 +1,7 @@
-"""The routes of the workbench; `docs/app_interface.md` describes them for other programs."""
+"""The routes of the workbench; `docs/app_interface.md` describes them for other programs.
+
+What the routes of the workbench take, checked before anything is done with it.
+"""
 
 from __future__ import annotations
 
@@ -9,20 +12,90 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import dataclass
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import plotly
 from fastapi import APIRouter, FastAPI, File, Form, Request, UploadFile
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, Response, StreamingResponse
+from pydantic import BaseModel, ConfigDict, Field
 
 from tridentify.app.bench import Bench
-from tridentify.app.bodies import Comparing, ModelChanges, ModelWanted, Opening, RecordChanges
 from tridentify.app.panels import PANELS
 from tridentify.app.refusals import MissingError, known, refusal
 from tridentify.app.safety import Guard, problem
 from tridentify.errors import TridentifyError
 from tridentify.options import OPTIONS
+
+MOST_RANGES = 1_000
+"""Of a record: every action keeps them all."""
+
+
+class Strict(BaseModel):
+    """A body that holds what it names, and nothing else."""
+
+    model_config = ConfigDict(extra="forbid")
+
+
+class Opening(Strict):
+    """Which file of the folder is opened."""
+
+    path: str = Field(min_length=1, max_length=1000)
+    dt: float | None = Field(default=None, gt=0.0, allow_inf_nan=False)
+
+
+class Range(Strict):
+    """A stretch of a record [s from its start]."""
+
+    start: float = Field(allow_inf_nan=False)
+    end: float = Field(allow_inf_nan=False)
+    use: Literal["identify", "validate"] = "identify"
+
+
+class Stretch(Strict):
+    """Samples that are left out [s from the record's start]."""
+
+    start: float = Field(allow_inf_nan=False)
+    end: float = Field(allow_inf_nan=False)
+    use: str | None = None
+
+
+class RecordChanges(Strict):
+    """What is to be different of a record."""
+
+    name: str | None = Field(None, min_length=1, max_length=200)
+    inputs: list[str] | None = None
+    outputs: list[str] | None = None
+    references: list[str] | None = None
+    intersample: Literal["auto", "zoh", "foh", "band-limited"] | None = None
+    ranges: list[Range] | None = Field(None, max_length=MOST_RANGES)
+    bad: list[Stretch] | None = Field(None, max_length=MOST_RANGES)
+    changed_file: Literal[""] | None = None
+
+
+class ModelWanted(Strict):
+    """What is to be estimated from a record."""
+
+    record: str
+    options: dict[str, str | int | float | bool | None] = Field(default_factory=dict)
+    name: str | None = Field(None, min_length=1, max_length=200)
+    alone: bool = False
+    changes: RecordChanges | None = None
+
+
+class ModelChanges(Strict):
+    """What is to be different of a model."""
+
+    name: str | None = Field(None, min_length=1, max_length=200)
+    shown: bool | None = None
+
+
+class Comparing(Strict):
+    """Models on one record."""
+
+    models: list[str] = Field(min_length=1, max_length=50)
+    record: str
+
 
 TICK = 0.3
 """Seconds between two looks for what another tab changed."""
@@ -161,13 +234,8 @@ def session(bench: Bench) -> APIRouter:
     """The session as a whole, what can be asked, what goes on."""
     router = APIRouter()
 
-    @router.get("/session")
-    def all_of_it() -> dict[str, Any]:
-        return bench.document()
-
-    @router.get("/files")
-    def listed() -> list[dict[str, Any]]:
-        return bench.files()
+    router.get("/session")(bench.document)
+    router.get("/files")(bench.files)
 
     @router.get("/options")
     def options() -> list[dict[str, Any]]:
@@ -328,9 +396,7 @@ def models(bench: Bench) -> APIRouter:
         card = bench.card(bench.record(body.record))
         return {"job": job.id, "model": job.model, "record": card}
 
-    @router.get("/models/{name}")
-    def detail(name: str) -> dict[str, Any]:
-        return bench.describe(name)
+    router.get("/models/{name}")(bench.describe)
 
     @router.get("/models/{name}/panel/{kind}")
     def panel(

@@ -16,16 +16,9 @@ def warm() -> None:
     with Activity() as activity:
         loaded = load_kernels(lambda what: activity.stage(f"compiling: {what}"))
         activity.stage("compiling: on-line estimators")
-        from tridentify.online.kernels import (
-            blocks,
-            equation,
-            equation_block,
-            gradient,
-            parallel_block,
-            run,
-        )
+        from tridentify.online.kernels import blocks, equation, gradient, run
 
-        loaded = *loaded, blocks, equation, equation_block, gradient, parallel_block, run
+        loaded = *loaded, blocks, equation, gradient, run
     show(
         paragraph(f"Compiled functions are ready ({len(loaded)} files): later commands load them.")
     )

@@ -1,14 +1,30 @@
-"""Checks of what an on-line estimator is given, and what it says where it cannot answer."""
+"""Checks of what an on-line estimator is given, and what it says where it cannot answer.
+
+Samples as they arrive: the interval before each, and its channels in the inbox.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from tridentify.errors import OptionError, UndeterminedError, UnsupportedError, shown
+from tridentify.errors import (
+    ChannelCountError,
+    OptionError,
+    SampleTypeError,
+    SamplingError,
+    UndeterminedError,
+    UnsupportedError,
+    shown,
+)
+from tridentify.numerics.arrays import Array
+from tridentify.online.kernels import slots
 from tridentify.online.layout import Setting
 from tridentify.online.state import State
+from tridentify.record.checks.scales import MOST_STEPS
 
 LEAST_FORGETTING = 0.5
 """Least factor of forgetting: two samples are remembered there, and no model is known from them."""
@@ -97,3 +113,106 @@ def not_ready(count: int, what: str) -> NotReadyError:
         f"found {count} samples, which {what}; expected samples that excite all coefficients; go "
         "on stepping, or give a model with start="
     )
+
+
+SAME = 1e-9
+"""Relative difference within which two sampling intervals are one: rounding of times that are
+counted from far away."""
+
+
+def checked_interval(state: State, interval: float) -> tuple[bool, float]:
+    """Whether an interval is the usual one, and the interval [s].
+
+    Raises
+    ------
+    SamplingError
+        It is not above zero, or out of proportion to the usual one.
+    UnsupportedError
+        It is not the usual one, and there are delays.
+    """
+    if not is_number(interval) or not 0.0 < float(interval) < math.inf:
+        raise SamplingError(
+            f"found interval={shown(interval)}; expected the time since the sample before, above "
+            "zero, in seconds; leave the sample out, or correct it"
+        )
+    seconds = float(interval)
+    setting = state.stage.setting
+    if abs(seconds - setting.dt) <= SAME * setting.dt or state.values[slots.COUNT] == 0.0:
+        return True, setting.dt
+    if not 1.0 / MOST_STEPS <= seconds / setting.dt <= MOST_STEPS:
+        raise SamplingError(
+            f"found interval={seconds:g} s; expected the time since the sample before, within a "
+            f"factor of {MOST_STEPS:.1e} of {setting.dt:g} s; leave the sample out, or correct it"
+        )
+    if any(setting.delays):
+        raise UnsupportedError(
+            f"found interval={seconds:g} s with a delay; expected samples every {setting.dt:g} s, "
+            "since the delayed input is kept in samples; resample the stream, or drop the delay"
+        )
+    return False, seconds
+
+
+def bounded_intervals(intervals: Array, dt: float) -> Array:
+    """Intervals that are not looked at yet, where they have matrices at all."""
+    held = np.where(np.isfinite(intervals), intervals, dt)
+    return np.clip(held, max(SAME, 1.0 / MOST_STEPS) * dt, MOST_STEPS * dt)
+
+
+def constants_after(state: State, interval: float) -> tuple[Array, float]:
+    """``c`` of the kernels for a sample that comes after an interval, and the interval [s]."""
+    regular, seconds = checked_interval(state, interval)
+    setting, blueprint = state.stage.setting, state.stage.blueprint
+    if regular:
+        return blueprint.constants, seconds
+    return state.method.constants_for(blueprint, setting, np.array([seconds]))[0], seconds
+
+
+def put_sample(x: Array, setting: Setting, u: ArrayLike, y: ArrayLike) -> None:
+    """Put one value of every channel into the inbox of a state.
+
+    Raises
+    ------
+    SampleTypeError, ChannelCountError
+    """
+    at = slots.INBOX
+    for what, value, names in (("u", u, setting.input_names), ("y", y, setting.output_names)):
+        if isinstance(value, str):
+            raise SampleTypeError(
+                f"found {what}={shown(value)}; expected numbers; convert the sample first"
+            )
+        try:
+            row = np.asarray(value, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise SampleTypeError(
+                f"found {what}={shown(value)}; expected {len(names)} "
+                f"number{'s' if len(names) > 1 else ''}; convert the sample first"
+            ) from error
+        if row.size != len(names) or row.ndim > 1:
+            raise ChannelCountError(
+                f"found {what} of shape {row.shape}; expected {len(names)} "
+                f"value{'s' if len(names) > 1 else ''} ({', '.join(names)}); give one for each "
+                "channel"
+            )
+        x[at : at + len(names)] = row
+        at += len(names)
+
+
+def as_table(values: Array) -> Array:
+    """Samples of one channel as a column."""
+    values = np.asarray(values)
+    return values[:, None] if values.ndim == 1 else values
+
+
+def names_given(what: str, names: Sequence[str]) -> list[str]:
+    """Names of channels as a list.
+
+    Raises
+    ------
+    OptionError
+    """
+    if isinstance(names, str) or not all(isinstance(name, str) for name in names) or not names:
+        raise OptionError(
+            f"found {what}={shown(names)}; expected names of channels; write for example "
+            f"{what}=['elevator']"
+        )
+    return list(names)

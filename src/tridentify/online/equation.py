@@ -31,8 +31,6 @@ L. Ljung, T. Soderstrom, Theory and Practice of Recursive Identification, MIT Pr
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
 from typing import ClassVar
@@ -41,15 +39,18 @@ import numpy as np
 import scipy.linalg
 
 from tridentify.estimation.answer.estimate import Estimate, Status, Trace
+from tridentify.estimation.methods.filtered.filter_cascade import checked_filter
 from tridentify.numerics.arrays import Array, Complex
-from tridentify.online.asked import not_ready, refuse_drift
-from tridentify.online.equation_plan import maps_of
-from tridentify.online.estimator import CompiledKernels, check_asked, kept_samples
+from tridentify.online.asked import check_choice, not_ready, refuse_drift
+from tridentify.online.equation_plan import equation_blueprint, maps_of, output_weights
+from tridentify.online.estimator import CompiledKernels, check_asked
 from tridentify.online.findings import bias_finding, with_findings
 from tridentify.online.kernels import slots
+from tridentify.online.kernels.slots import DIRECTIONAL, EXPONENTIAL, RESETTING
 from tridentify.online.layout import (
     Blueprint,
     Setting,
+    Stage,
     collecting,
     constants_for,
     discretize_each,
@@ -58,23 +59,27 @@ from tridentify.online.layout import (
 )
 from tridentify.online.result import assembled
 from tridentify.online.scatter import widened, with_scatter
-from tridentify.online.search import FoundPoles, clean_search, filter_poles, poles_of_start
+from tridentify.online.search import (
+    FoundPoles,
+    checked_start,
+    clean_search,
+    filter_poles,
+    poles_of_start,
+)
 from tridentify.online.starting import (
     admissible,
-    advanced,
-    again,
     calm,
-    idle,
     run_kept,
-    shortened,
     take_clocks,
     waiting,
     without,
 )
-from tridentify.online.state import Stage, State
+from tridentify.online.state import State
 from tridentify.online.suspecting import MOST_KEPT, Suspecting
 from tridentify.online.task import Task
 from tridentify.transfer_function import TransferFunction
+
+KINDS = {"exponential": EXPONENTIAL, "directional": DIRECTIONAL, "resetting": RESETTING}
 
 
 class EquationError(Suspecting):
@@ -83,6 +88,8 @@ class EquationError(Suspecting):
     filter: tuple[float, ...] | None
     start: TransferFunction | None
 
+    forgetting: float = 1.0
+    forget: str = "exponential"
     one_triangle: ClassVar[bool] = True
 
     @staticmethod
@@ -91,14 +98,23 @@ class EquationError(Suspecting):
         """The compiled sample loop."""
         from tridentify.online.kernels.equation import equation_step
 
-        return CompiledKernels(equation_step, block_of_equation)
+        return CompiledKernels(equation_step, in_blocks=True)
 
-    @abstractmethod
+    def _check(self) -> None:
+        """Refuse options that are out of range."""
+        check_choice("on_change", self.on_change, ("restart", "flag"))
+        object.__setattr__(self, "filter", checked_filter(self.filter))
+        object.__setattr__(self, "start", checked_start(self.start))
+
     def plan(
         self, setting: Setting, poles: Complex, weights: Array, *, restarted: bool,
         filtering: bool, keep: bool,
     ) -> Blueprint:  # fmt: skip
         """The blueprint with these options."""
+        return equation_blueprint(
+            setting, poles, restarted=restarted, weights=weights, forgetting=self.forgetting,
+            kind=KINDS[self.forget], filtering=filtering, keep=keep,
+        )  # fmt: skip
 
     def begin(self, setting: Setting) -> State:
         """The state before the first sample."""
@@ -128,8 +144,7 @@ class EquationError(Suspecting):
         if not poles.size == degree >= setting.n_poles:
             raise ValueError(f"a filter of degree {poles.size} in place of {degree}")
         # the weights were learnt: they are taken as they are
-        at, p = int(ints[slots.C_MONIC]) + degree + 1, setting.n_outputs
-        weights = np.resize(blueprint.constants[at : at + p], p)
+        weights = np.resize(output_weights(blueprint), setting.n_outputs)
         return self.plan(
             setting, poles, weights, restarted=blueprint.nuisance.free,
             filtering=bool(ints[slots.FILTERING]), keep=bool(ints[slots.CHUNK]),
@@ -156,24 +171,25 @@ class EquationError(Suspecting):
 
     def adapt(self, state: State) -> State:
         """Search for the filter."""
-        if not state.stage.searching:
-            return state
-        x, stage = state
-        setting, kept = stage.setting, kept_samples(state)
-        begun_anew = x[slots.COUNT] > len(kept)
-        if not x[slots.WORK_DONE]:
-            x[slots.WORK_AT] = float(len(kept))
-        count = int(x[slots.WORK_AT])
-        task = stage.task or Task(clean_search, setting, kept[:count], begun_anew)
-        further = advanced(state, task)
-        if further is not None:
-            return further
-        found, samples = task.result()
-        state, full = idle(state), count >= MOST_KEPT
-        if found is None or not (found.certain or full):
-            again(x, len(kept), len(kept) - count)
-            return shortened(state, kept) if full else state
-        return self._launched(state, found, np.vstack([samples, kept[count:]]), begun_anew)
+        return self.search(state) if state.stage.searching else state
+
+    def searching_task(self, state: State, samples: Array, begun_anew: bool, full: bool) -> Task:
+        """The search for the filter."""
+        return Task(clean_search, state.stage.setting, samples, begun_anew)
+
+    def from_search(
+        self,
+        state: State,
+        found: tuple[FoundPoles | None, Array],
+        newest: Array,
+        begun_anew: bool,
+        full: bool,
+    ) -> State | None:
+        """Least squares on the filter that was found."""
+        poles, samples = found
+        if poles is None or not (poles.certain or full):
+            return None
+        return self._launched(state, poles, np.vstack([samples, newest]), begun_anew)
 
     def begun_again(self, state: State, found: FoundPoles, samples: Array) -> State:
         """The estimator that goes on from the samples since a change."""
@@ -240,8 +256,7 @@ class EquationError(Suspecting):
         theta = maps.constant + maps.matrix @ unknowns[-k:]
         cov = root[-k:] @ root[-k:].T
         filtering = bool(blueprint.ints[slots.FILTERING])
-        at = int(blueprint.ints[slots.C_MONIC]) + blueprint.poles.size + 1
-        variance = noise * blueprint.constants[at : at + setting.n_outputs] ** 2
+        variance = noise * output_weights(blueprint) ** 2
         own, white = [np.arange(k)] * setting.n_outputs, cov
         if filtering:
             cov = widened(blueprint, x, cov, variance, own)
@@ -254,13 +269,6 @@ class EquationError(Suspecting):
             None if filtering else float(np.linalg.cond(root[-k:])),
         )  # fmt: skip
         return with_findings(state, replace(found, findings=bias_finding(white, cov)))
-
-
-def block_of_equation() -> Callable[..., int]:
-    """The compiled block; compiled, or read from disk, at the first call."""
-    from tridentify.online.kernels.equation_block import equation_block
-
-    return equation_block
 
 
 def unknowns_of(blueprint: Blueprint, x: Array, n_outputs: int) -> tuple[Array, Array, Array]:
@@ -285,9 +293,7 @@ def unknowns_of(blueprint: Blueprint, x: Array, n_outputs: int) -> tuple[Array, 
         w = watch_of(blueprint, i)
         squares[i], weight[i] = x[w + slots.SQUARES], x[w + slots.WEIGHT]
         weight2[i], taken[i] = x[w + slots.WEIGHT2], x[w + slots.TAKEN]
-    at = int(ints[slots.C_MONIC]) + blueprint.poles.size + 1
-    scales = blueprint.constants[at : at + n_outputs]
-    noise = squares / np.maximum(weight - n / n_outputs, 1.0) / scales**2
+    noise = squares / np.maximum(weight - n / n_outputs, 1.0) / output_weights(blueprint) ** 2
     if ints[slots.FILTERING]:
         at, theta = int(ints[slots.AT_COVARIANCE]), int(ints[slots.AT_THETA])
         upper = np.eye(n)

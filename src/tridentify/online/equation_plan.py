@@ -72,6 +72,13 @@ def from_directions(setting: Setting, poles: Complex) -> Array:
     return found
 
 
+def output_weights(blueprint: Blueprint) -> Array:
+    """(n_outputs,) by which the rows of the outputs count."""
+    ints = blueprint.ints
+    at = int(ints[slots.C_MONIC] + ints[slots.ORDER]) + 1
+    return blueprint.constants[at : at + int(ints[slots.OUTPUTS])]
+
+
 def equation_blueprint(
     setting: Setting,
     poles: Complex,

@@ -31,15 +31,17 @@ from tridentify.errors import (
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.methods.capability import Capability, refuse_unsupported
 from tridentify.numerics.arrays import Array, Indices
-from tridentify.online.arriving import (
+from tridentify.online.asked import (
+    NotReadyError,
     as_table,
     bounded_intervals,
+    check_state,
     checked_interval,
     constants_after,
+    is_number,
     names_given,
     put_sample,
 )
-from tridentify.online.asked import NotReadyError, check_state, is_number
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.workspace import LONGEST, Workspace
 from tridentify.online.layout import Blueprint, Setting, constants_for, smallest_channel
@@ -61,14 +63,21 @@ samples take one by one."""
 
 
 class CompiledKernels(NamedTuple):
-    """The compiled functions of an estimator: one sample, and what gives the one for a block.
+    """The compiled functions of an estimator: one sample, and whether it takes blocks.
 
     A block takes a sample in a third of the time, but some ten seconds more to compile on a
     machine where that has not been done; so it is left for long records.
     """
 
     step: Callable[[Indices, Array, Array, float], float]
-    block: Callable[[], Callable[..., int]] | None = None
+    in_blocks: bool = False
+
+    @staticmethod
+    def block() -> Callable[..., int]:
+        """What takes many samples; compiled, or read from disk, at the first call."""
+        from tridentify.online.kernels.blocks import take_block
+
+        return take_block
 
     def run(
         self, ints: Indices, c: Array, x: Array, u: Array, y: Array, start: int, stop: int,
@@ -77,8 +86,8 @@ class CompiledKernels(NamedTuple):
         """Samples ``start .. stop - 1``, up to the first with an event; gives the next."""
         from tridentify.online.kernels.run import no_block, run_samples
 
-        many = self.block is not None and stop - start >= LONG_RECORD
-        block = self.block() if self.block is not None and many else no_block
+        many = self.in_blocks and stop - start >= LONG_RECORD
+        block = self.block() if many else no_block
         room = Workspace.of(ints, x, LONGEST if many else 1)
         return run_samples(
             ints, c, x, u, y, start, stop, innovations, flags, self.step, block, *room

@@ -9,10 +9,9 @@ import numpy as np
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding, ranked
 from tridentify.numerics.arrays import Array
-from tridentify.online.flags import Flag
 from tridentify.online.kernels import slots
 from tridentify.online.search import TRIED, first_try
-from tridentify.online.state import State
+from tridentify.online.state import Flag, State
 
 WORTH_TELLING = 1.05  # standard errors that differ by less tell nobody anything
 BIASED = 1.5  # times wider: an equation error that follows its own past

@@ -78,16 +78,16 @@ from tridentify.numerics.arrays import Array
 from tridentify.numerics.slices import Slices
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.online.asked import check_above_zero, check_choice, not_ready, refuse_drift
-from tridentify.online.estimator import CompiledKernels, check_asked, kept_samples
+from tridentify.online.estimator import CompiledKernels, check_asked
 from tridentify.online.findings import noise_finding, with_findings
 from tridentify.online.gradient_follow import (
     GradientRule,
     extra_of,
     followed,
+    launched,
+    nuisance_of,
     periods_of,
-    tables_of,
 )
-from tridentify.online.gradient_launch import launched, nuisance_of
 from tridentify.online.gradient_periods import (
     as_scattered,
     average,
@@ -95,16 +95,19 @@ from tridentify.online.gradient_periods import (
     expected_covariance,
     first_rate,
     mean_of,
+    moments_of,
+    noise_of,
     outputs_of,
     present,
+    put_unknowns,
     scatter,
+    signals_of,
     used_of,
 )
-from tridentify.online.gradient_plan import Basis, plan
-from tridentify.online.gradient_vector import moments_of, noise_of, put_unknowns, signals_of
+from tridentify.online.gradient_plan import Basis, plan, with_tables
 from tridentify.online.kernels import gradient_slots as places
 from tridentify.online.kernels import slots
-from tridentify.online.layout import Blueprint, NuisanceColumns, Setting, collecting, fresh
+from tridentify.online.layout import Blueprint, NuisanceColumns, Setting, Stage, collecting, fresh
 from tridentify.online.result import assembled
 from tridentify.online.search import (
     FoundPoles,
@@ -115,9 +118,8 @@ from tridentify.online.search import (
     poles_of_start,
     searching,
 )
-from tridentify.online.starting import advanced, again, idle, shortened, waiting, without
-from tridentify.online.state import Stage, State
-from tridentify.online.suspecting import MOST_KEPT
+from tridentify.online.starting import waiting, without
+from tridentify.online.state import State
 from tridentify.online.task import Task
 from tridentify.transfer_function import TransferFunction
 
@@ -236,12 +238,13 @@ class Gradient(GradientRule):
     def _begun(self, basis: Basis, unknowns: Array) -> State:
         """With nothing known of the input."""
         setting = basis.setting
-        blueprint = plan(basis, True)
         rate = self.rate or first_rate(basis, 0.0)
         models = outputs_of(basis, unknowns)
-        tables = tables_of(models, models, None, np.ones(setting.n_outputs), self.orthogonal)
         quick = max(rate, 1.0 / (WARM_UP * setting.dt))
-        blueprint = replace(tables, rate=quick).written(basis, blueprint)
+        blueprint = with_tables(
+            basis, plan(basis, True), models, models, None, np.ones(setting.n_outputs),
+            orthogonal=self.orthogonal, rate=quick,
+        )  # fmt: skip
         x = fresh(blueprint)
         x[places.FROM] = np.inf
         x[slots.TICK] = setting.late + WARM_UP * (basis.unknowns + setting.n_inputs)
@@ -286,33 +289,27 @@ class Gradient(GradientRule):
     # ------------------------------------------------------------------------------- the slow clock
     def adapt(self, state: State) -> State:
         """A slice of the search, or let the model follow Step 2."""
-        if state.stage.searching:
-            return self._search(state)
-        return followed(self, state)
+        return self.search(state) if state.stage.searching else followed(self, state)
 
-    def _search(self, state: State) -> State:
-        x, kept = state.values, kept_samples(state)
-        begun_anew = x[slots.COUNT] > len(kept)
-        if not x[slots.WORK_DONE]:
-            x[slots.WORK_AT] = float(len(kept))
-        count = int(x[slots.WORK_AT])
-        full = count >= MOST_KEPT
-        task = state.stage.task
-        if task is None:
-            now = State(x.copy(), state.stage)
-            task = Task(_searching, self, now, kept[:count], begun_anew, full)
-        further = advanced(state, task)
-        if further is not None:
-            return further
-        answer, state = task.result(), idle(state)
-        if answer is not None:
-            found, samples = answer
-            samples = np.vstack([samples, kept[count:]])
-            begun = launched(self, state, found, samples, begun_anew, full)
-            if begun is not None:
-                return begun[0]
-        again(x, len(kept), len(kept) - count)
-        return shortened(state, kept) if full else state
+    def searching_task(self, state: State, samples: Array, begun_anew: bool, full: bool) -> Task:
+        """A model to begin with, from samples that it does not find doubtful."""
+        now = State(state.values.copy(), state.stage)
+        return Task(_searching, self, now, samples, begun_anew, full)
+
+    def from_search(
+        self,
+        state: State,
+        found: tuple[FoundPoles, Array] | None,
+        newest: Array,
+        begun_anew: bool,
+        full: bool,
+    ) -> State | None:
+        """The models that begin at what was found."""
+        if found is None:
+            return None
+        poles, samples = found
+        begun = launched(self, state, poles, np.vstack([samples, newest]), begun_anew, full)
+        return None if begun is None else begun[0]
 
     def begun_again(self, state: State, found: FoundPoles, samples: Array) -> State:
         """The estimator that goes on from the samples since a change."""

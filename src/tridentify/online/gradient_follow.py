@@ -1,42 +1,54 @@
-"""The slow clock of the gradient rule: periods end, averages move on, the model follows Step 2."""
+"""The slow clock of the gradient rule: periods end, averages move on, the model follows Step 2.
+
+The gradient rule begins on kept samples: the model found in them, and their replay.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Indices
 from tridentify.numerics.realization import denominator
 from tridentify.online.gradient_periods import (
     PERIODS_TO_BE_SURE,
+    as_expected,
     average,
     begin_period,
     columns_between,
+    expected_covariance,
+    first_rate,
+    fits,
+    fitted_to,
     mean_of,
-    near_enough,
-    outputs_of,
-    samples_of_period,
-    stable_poles,
-)
-from tridentify.online.gradient_plan import Basis, Tables, plan
-from tridentify.online.gradient_vector import (
-    as_expected,
     models_of,
     moments_of,
+    near_enough,
     noise_of,
+    outputs_of,
     put_parallel,
     put_unknowns,
+    samples_of_period,
     signals_of,
+    stable_poles,
     write_moments,
 )
+from tridentify.online.gradient_plan import Basis, plan, with_tables
 from tridentify.online.kernels import gradient_slots as places
 from tridentify.online.kernels import slots
-from tridentify.online.layout import Blueprint
-from tridentify.online.state import Stage, State
+from tridentify.online.launch import begun, reference_of
+from tridentify.online.layout import (
+    Blueprint,
+    NuisanceColumns,
+    Setting,
+    Stage,
+)
+from tridentify.online.search import FoundPoles
+from tridentify.online.starting import admissible, calm, run_kept, take_clocks
+from tridentify.online.state import State
 from tridentify.online.summary import carried
-from tridentify.online.suspecting import Suspecting
+from tridentify.online.suspecting import MOST_KEPT, Suspecting
 
 MOST_PERIODS, FIXED_PERIODS = 16, 8
 """Periods that are kept before neighbours are joined and the clock slows down; those that are
@@ -104,27 +116,17 @@ def _joined(batches: Array, rate: float, held: float | None) -> tuple[Array, flo
     return np.hstack([total, (weights * pairs[:, :, 1:]).sum(axis=1) / total]), 0.5 * rate
 
 
-def tables_of(
-    models: Array, signals: Array, moments: Array | None, noise: Array, orthogonal: bool
-) -> Tables:
-    """Tables with neither a rate nor readiness yet."""
-    weights = 1.0 / np.maximum(noise, 1e-12 * max(float(noise.max()), 1e-280))
-    return Tables(models, signals, weights / weights.mean(), moments, orthogonal, 0.0, 0.0)
-
-
 def _again(
     method: GradientRule, state: State, basis: Basis, batches: Array, rate: float, periods: int
 ) -> State:
     """The same model; the step lengths are brought up to date."""
     x, stage = state
     blueprint = stage.blueprint
-    models = models_of(basis, blueprint)
-    signals = signals_of(basis, blueprint, x)[1]
-    tables = tables_of(
-        models, signals, moments_of(blueprint, x), noise_of(blueprint, x), method.orthogonal
-    )
-    ready = _readiness(basis, blueprint, batches)
-    found = replace(tables, rate=rate, ready=ready).written(basis, blueprint)
+    found = with_tables(
+        basis, blueprint, models_of(blueprint), signals_of(basis, blueprint, x)[1],
+        moments_of(blueprint, x), noise_of(blueprint, x), orthogonal=method.orthogonal, rate=rate,
+        ready=_readiness(basis, blueprint, batches),
+    )  # fmt: skip
     as_expected(blueprint, x)
     return State(x, stage.but(blueprint=found, extra=_kept(stage, batches, rate, periods)))
 
@@ -160,9 +162,10 @@ def _moved(
         models[:, -1] = working[:, -1]
     put_parallel(new, blueprint, found, parallel)
     put_unknowns(blueprint, found, unknowns)
-    tables = tables_of(models, models, moments, noise_of(was, x), method.orthogonal)
-    tables = replace(tables, rate=rate, ready=_readiness(new, was, batches))
-    blueprint = tables.written(new, blueprint)
+    blueprint = with_tables(
+        new, blueprint, models, models, moments, noise_of(was, x), orthogonal=method.orthogonal,
+        rate=rate, ready=_readiness(new, was, batches),
+    )  # fmt: skip
     as_expected(blueprint, found)
     begin_period(found, setting, rate, rested=False)
     return State(
@@ -196,3 +199,69 @@ def _readiness(basis: Basis, before: Blueprint, batches: Array) -> float:
     if basis.adapted and len(batches) >= PERIODS_TO_BE_SURE:
         return places.TELLS
     return min(float(before.constants[places.READY]), places.DOUBTS)
+
+
+LINEAR = 0.1
+"""Standard error over value of a denominator's coefficients up to which a first model is near
+enough to linearise about."""
+
+
+def launched(
+    method: GradientRule,
+    state: State,
+    found: FoundPoles,
+    samples: Array,
+    begun_anew: bool,
+    full: bool,
+) -> tuple[State, Indices] | None:
+    """The models that begin at what was found, and the flags of the samples; None if unsure."""
+    stage, setting = state.stage, state.stage.setting
+    poles = admissible(setting, found.poles, samples)
+    basis = Basis.on_model(setting, nuisance_of(setting, begun_anew), poles)
+    blank = plan(basis)
+    rows = np.zeros((len(samples), blank.n_columns))
+    x = begun(blank, np.zeros(setting.n_outputs), reference_of(state))
+    run_kept(method, setting, blank, x, samples, rows)
+    unknowns, models = fitted_to(basis, rows, samples)
+    constant, matrix = basis.physical
+    theta = constant + matrix @ unknowns
+    moments = rows.T @ rows / len(rows)
+    noise = found.noise_std
+    cov = expected_covariance(basis, models, moments, noise**2, len(rows))[0]
+    cov = matrix @ cov @ matrix.T
+    a = slice(0, setting.n_poles)
+    near = np.all(np.isfinite(cov)) and np.all(
+        np.sqrt(np.diagonal(cov)[a]) < LINEAR * np.abs(theta[a])
+    )
+    if not near and not full:
+        return None
+    count = float(len(samples))
+    rate = method.rate or first_rate(basis, count)
+    blueprint = with_tables(
+        basis, plan(basis, len(samples) < MOST_KEPT), models, models, moments, noise**2,
+        orthogonal=method.orthogonal, rate=rate, ready=places.DOUBTS,
+    )  # fmt: skip
+    x = begun(blueprint, noise, reference_of(state))
+    write_moments(blueprint, x, moments, count)
+    put_unknowns(blueprint, x, unknowns)
+    x[places.FROM] = np.inf
+    flags = run_kept(method, setting, blueprint, x, samples)
+    take_clocks(state.values, stage.blueprint, x, blueprint, len(samples))
+    x[slots.FILLED] = 0.0
+    put_unknowns(blueprint, x, unknowns)
+    for _, series, _ in fits(blueprint):
+        x[series] = 0.0  # beta = (1, 0, ..., 0)
+    first = np.concatenate([[count], theta])
+    new = stage.but(
+        blueprint=blueprint, poles=basis.filter_poles, past=(samples,), searching=False,
+        extra=extra_of(first[None, :], rate, 0),
+    )  # fmt: skip
+    calm(x, new)
+    begin_period(x, setting, rate, rested=False)
+    return State(x, new), flags
+
+
+def nuisance_of(setting: Setting, restarted: bool) -> NuisanceColumns:
+    """The nuisance terms of the rule, which knows no drift."""
+    found = NuisanceColumns.of(setting.structure, restarted)
+    return NuisanceColumns(found.free, found.offset, False)

@@ -1,22 +1,117 @@
-"""Periods of the gradient rule: how long they are, their mean and scatter, the model they give."""
+"""Periods of the gradient rule: how long they are, their mean and scatter, the model they give.
+
+What stands in the vector of the gradient rule: read, and written when models begin anew.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from tridentify.errors import OptionError
 from tridentify.estimation.likelihood.problem import BELOW_NYQUIST, FASTEST, LEAST_DAMPED
+from tridentify.models.regression import Layout
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.realization import sort_poles
 from tridentify.online.gradient_plan import Basis, inverse_of, without_constant
 from tridentify.online.kernels import gradient_slots as places
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.gradient_slots import MEMORY
-from tridentify.online.layout import Blueprint, Setting
+from tridentify.online.layout import Blueprint, Setting, watch_of
 from tridentify.online.scatter import widened
-from tridentify.online.summary import transfer
+from tridentify.online.summary import change_columns, transfer
 from tridentify.transfer_function import TransferFunction
+
+
+def moments_of(blueprint: Blueprint, x: Array) -> Array:
+    """(n, n) mean of ``z z'``."""
+    n, at = blueprint.n_columns, int(blueprint.ints[places.X_MOMENTS])
+    found = np.zeros((n, n))
+    found[np.tril_indices(n)] = x[at : at + n * (n + 1) // 2]
+    return found + np.tril(found, -1).T
+
+
+def write_moments(blueprint: Blueprint, x: Array, moments: Array, count: float) -> None:
+    """Put the mean of ``z z'`` over ``count`` samples into a vector."""
+    n, at = blueprint.n_columns, int(blueprint.ints[places.X_MOMENTS])
+    x[at : at + n * (n + 1) // 2] = moments[np.tril_indices(n)]
+    x[places.MOMENTS] = count
+
+
+def fits(blueprint: Blueprint) -> Iterator[tuple[slice, slice, int]]:
+    """Places of each output: weights of Step 1 and of Step 3 in the vector, ``t_0`` in ``c``."""
+    ints, n = blueprint.ints, blueprint.n_columns
+    k1, k3 = int(ints[places.PARALLEL_UNKNOWNS]), int(ints[places.SERIES_UNKNOWNS])
+    for i in range(int(ints[slots.OUTPUTS])):
+        at = int(ints[places.X_FITS]) + i * (k1 + k3 + 2)
+        t0 = int(ints[places.C_FITS]) + i * places.fits_stride(ints) + k1 * (n + k1)
+        yield slice(at, at + k1), slice(at + k1 + 1, at + k1 + 1 + k3), t0
+
+
+def signals_of(basis: Basis, blueprint: Blueprint, x: Array) -> tuple[Array, Array]:
+    """(n_outputs, n) rows of the parallel model and of the one that Step 2 works on, constants too.
+
+    Parameters
+    ----------
+    basis : Basis
+    blueprint : Blueprint
+    x : array
+    """
+    c, n = blueprint.constants, blueprint.n_columns
+    first, working = np.zeros((2, basis.setting.n_outputs, n))
+    for i, (one, three, t0) in enumerate(fits(blueprint)):
+        working[i] = first[i] = x[one] @ basis.parallel
+        if basis.adapted:
+            table = c[t0 + n : t0 + n + (three.stop - three.start) * n].reshape(-1, n)
+            working[i] = c[t0 : t0 + n] + x[three] @ table
+    return first, working
+
+
+def models_of(blueprint: Blueprint) -> Array:
+    """(n_outputs, n) the rows ``t_0`` of a blueprint."""
+    c, n = blueprint.constants, blueprint.n_columns
+    return np.array([c[t0 : t0 + n] for _, _, t0 in fits(blueprint)])
+
+
+def noise_of(blueprint: Blueprint, x: Array) -> Array:
+    """(n_outputs,) variance of the noise: of the innovations, less what the weights add."""
+    ints, c = blueprint.ints, blueprint.constants
+    p = int(ints[slots.OUTPUTS])
+    k = int(ints[places.SERIES_UNKNOWNS] if ints[places.SERIES] else ints[places.PARALLEL_UNKNOWNS])
+    added = 1.0 + min(0.5 * float(c[places.RATE] * c[slots.INTERVAL]) * k, 0.9)
+    found = np.zeros(p)
+    for i in range(p):
+        w = watch_of(blueprint, i)
+        found[i] = x[w + slots.SQUARES] / max(float(x[w + slots.WEIGHT]), 1.0) / added
+    return found
+
+
+def put_unknowns(blueprint: Blueprint, x: Array, unknowns: Array) -> None:
+    """Step 2 begins at a model."""
+    at, k = int(blueprint.ints[places.X_SECOND]), unknowns.size
+    x[at : at + k] = unknowns
+    x[at + k : at + 2 * k + 1] = 0.0
+    as_expected(blueprint, x)
+
+
+def as_expected(blueprint: Blueprint, x: Array) -> None:
+    """The means of ``phi' P phi`` are what they ought to be; sums begin anew."""
+    ints, p = blueprint.ints, int(blueprint.ints[slots.OUTPUTS])
+    for one, three, _ in fits(blueprint):
+        x[one.stop], x[three.stop] = one.stop - one.start, three.stop - three.start
+    k = int(ints[places.POLES] + p * ints[places.OWN])
+    at = int(ints[places.X_SECOND])
+    x[at + k] = k / p
+    x[at + k + 1 : at + 2 * k + 1] = 0.0
+
+
+def put_parallel(basis: Basis, blueprint: Blueprint, x: Array, signals: Array) -> None:
+    """The weights of the parallel model whose output is a row, as far as it can be."""
+    for (one, _, _), signal in zip(fits(blueprint), signals, strict=True):
+        x[one] = basis.parallel @ signal
+
 
 STEPS_PER_UNKNOWN, SLOWER = 10, 4.0
 """Samples for each unknown in one over the rate, and how many times slower than the slowest pole it
@@ -177,13 +272,10 @@ def outputs_of(basis: Basis, unknowns: Array) -> Array:
 
 def columns_between(old: Basis, new: Basis) -> Array:
     """(n', n) what takes a row on the columns of one bank to those of another."""
-    move = transfer(old.bank, new.bank)
-    found = np.zeros((new.width, old.width))
-    for j in range(-int(old.nuisance.free), old.setting.n_inputs):
-        found[new.channel(j), old.channel(j)] = move
-    rest = old.width - old.direct(0)
-    found[new.width - rest :, old.width - rest :] = np.eye(rest)
-    return found
+    free, offset, _ = old.nuisance
+    layout = Layout(old.poles.size, old.setting.n_inputs, free, offset, False)
+    move = change_columns(np.eye(old.width), layout, transfer(old.bank, new.bank))
+    return np.ascontiguousarray(move.T)
 
 
 def expected_covariance(

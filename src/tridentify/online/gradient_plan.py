@@ -25,7 +25,7 @@ from tridentify.numerics.realization import (
 )
 from tridentify.online.kernels import gradient_slots as places
 from tridentify.online.kernels import slots
-from tridentify.online.layout import Blueprint, NuisanceColumns, Setting, parallel
+from tridentify.online.layout import Blueprint, NuisanceColumns, Setting, parallel, with_directions
 
 REPEATS = 3
 """How often each pole stands in the bank: twice for the model and its slopes, and once for a move
@@ -318,7 +318,7 @@ def _reciprocal(values: Array) -> Array:
 def plan(basis: Basis, keep: bool = False) -> Blueprint:
     """The plan of the vector, with no tables yet; ``keep``: samples are kept."""
     setting, nuisance = basis.setting, basis.nuisance
-    base = parallel(setting, basis.poles, nuisance, keep, 1.0, 0)
+    base = parallel(setting, basis.poles, nuisance, keep)
     p, n = setting.n_outputs, base.n_columns
     ints = base.ints
     k1 = basis.parallel.shape[0]
@@ -350,74 +350,65 @@ def _size(ints: Indices) -> int:
     return int(ints[places.X_ROOM]) + room
 
 
-@dataclass(frozen=True, eq=False)
-class Tables:
-    """What the kernel reads, for all outputs.
+def with_tables(
+    basis: Basis,
+    blueprint: Blueprint,
+    models: Array,
+    signals: Array,
+    moments: Array | None,
+    noise: Array,
+    *,
+    orthogonal: bool,
+    rate: float,
+    ready: float = 0.0,
+) -> Blueprint:
+    """A blueprint with what the kernel reads, for all outputs.
 
-    Attributes
+    Parameters
     ----------
+    basis : Basis
+    blueprint : Blueprint
     models : (n_outputs, n) array
         ``t_0``.
     signals : (n_outputs, n) array
         What Step 2 works on at the present.
-    weights : (n_outputs,) array
-        Of the equation errors.
     moments : (n, n) array or None
         Mean of ``z z'``; None while it is not known.
+    noise : (n_outputs,) array
+        Variance of the noise, over which squared equation errors count.
     orthogonal : bool
     rate : float
         [1/s].
     ready : float
         Whether a sample may be doubted, and a change be told (`online.kernels.gradient`).
     """
+    ints, c, known = blueprint.ints, blueprint.constants.copy(), moments is not None
+    first, stride = int(ints[places.C_FITS]), places.fits_stride(ints)
+    total = np.zeros((basis.unknowns, basis.unknowns))
+    directions = np.zeros((basis.setting.n_outputs, basis.setting.n_directions, basis.width))
+    weights = 1.0 / np.maximum(noise, 1e-12 * max(float(noise.max()), 1e-280))
+    weights = weights / weights.mean() if known else np.ones(noise.size)
 
-    models: Array
-    signals: Array
-    weights: Array
-    moments: Array | None
-    orthogonal: bool
-    rate: float
-    ready: float
+    def own_gains(table: Array) -> Array:
+        return np.eye(len(table)) if moments is None else gains(table, moments, orthogonal)
 
-    def written(self, basis: Basis, blueprint: Blueprint) -> Blueprint:
-        """A blueprint with these tables."""
-        ints, c = blueprint.ints, blueprint.constants.copy()
-        stride = places.fits_stride(ints)
-        first = int(ints[places.C_FITS])
-        total = np.zeros((basis.unknowns, basis.unknowns))
-        directions = np.zeros((basis.setting.n_outputs, basis.setting.n_directions, basis.width))
-        known = self.moments is not None
-        weights = self.weights if known else np.ones(self.weights.size)
-        for i, (model, signal, weight) in enumerate(
-            zip(self.models, self.signals, weights, strict=True)
-        ):
-            one, own = basis.parallel, basis.numerators(i)
-            third = basis.series(i, model) if basis.adapted else np.zeros((0, basis.width))
-            parts = [one, self._gains(one), model, third, self._gains(third), own]
-            block = np.concatenate([*(part.ravel() for part in parts), [weight]])
-            c[first + i * stride : first + (i + 1) * stride] = block
-            if self.moments is not None:
-                table = basis.second(i, signal)
-                total += weight * table @ self.moments @ table.T
-            if basis.adapted:
-                judged = basis.judged(i, model)
-                directions[i, : len(judged)] = judged
-        answers = np.einsum("dc,kcq->kdq", basis.picked, basis.through[: basis.kept])
-        gain = np.eye(basis.unknowns)
-        if known:
-            gain = gains(np.eye(basis.unknowns), total, self.orthogonal)
-        block = np.concatenate(
-            [answers.ravel(), (basis.picked @ basis.driven).ravel(), gain.ravel()]
-        )
-        at = int(ints[places.C_SECOND])
-        c[at : at + block.size] = block
-        at = int(ints[slots.C_MAPS])
-        c[at : at + directions.size] = directions.ravel()
-        c[places.RATE], c[places.KNOWN], c[places.READY] = self.rate, known, self.ready
-        c[places.GRADIENT_PACE] = 0.0
-        return replace(blueprint, constants=c)
-
-    def _gains(self, table: Array) -> Array:
-        if self.moments is None:
-            return np.eye(len(table))
-        return gains(table, self.moments, self.orthogonal)
+    for i, (model, signal, weight) in enumerate(zip(models, signals, weights, strict=True)):
+        one, own = basis.parallel, basis.numerators(i)
+        third = basis.series(i, model) if basis.adapted else np.zeros((0, basis.width))
+        parts = [one, own_gains(one), model, third, own_gains(third), own]
+        block = np.concatenate([*(part.ravel() for part in parts), [weight]])
+        c[first + i * stride : first + (i + 1) * stride] = block
+        if moments is not None:
+            table = basis.second(i, signal)
+            total += weight * table @ moments @ table.T
+        if basis.adapted:
+            judged = basis.judged(i, model)
+            directions[i, : len(judged)] = judged
+    answers = np.einsum("dc,kcq->kdq", basis.picked, basis.through[: basis.kept])
+    gain = gains(np.eye(basis.unknowns), total, orthogonal) if known else np.eye(basis.unknowns)
+    block = np.concatenate([answers.ravel(), (basis.picked @ basis.driven).ravel(), gain.ravel()])
+    at = int(ints[places.C_SECOND])
+    c[at : at + block.size] = block
+    c[places.RATE], c[places.KNOWN], c[places.READY] = rate, known, ready
+    c[places.GRADIENT_PACE] = 0.0
+    return with_directions(replace(blueprint, constants=c), directions)

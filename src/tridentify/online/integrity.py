@@ -19,12 +19,11 @@ from tridentify.numerics.realization import cascade
 from tridentify.online.kernels import gradient_slots as places
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.slots import scatter_size, triangle_size
-from tridentify.online.layout import Blueprint, NuisanceColumns, Setting
+from tridentify.online.layout import Blueprint, NuisanceColumns, Setting, Stage
 from tridentify.online.number_rules import (
     ALARM_LASTS,
     HUGE,
     WHOLE,
-    BesideVector,
     NumberRule,
     by_gradient,
     check_rule,
@@ -98,12 +97,12 @@ def check_room(setting: Setting, blueprint: Blueprint, *, shared: bool) -> None:
         )
 
 
-def check_sound(stage: BesideVector, values: Array, rebuilt: Blueprint) -> None:
+def check_sound(stage: Stage, values: Array, rebuilt: Blueprint) -> None:
     """Refuse a state that no estimator can have come to.
 
     Parameters
     ----------
-    stage : BesideVector
+    stage : Stage
         As the file has it.
     values : array
     rebuilt : Blueprint
@@ -194,7 +193,7 @@ def _constant_rules(ints: Indices) -> Iterator[NumberRule]:
 
 
 # -------------------------------------------------------------------------------------------- stage
-def _check_stage(stage: BesideVector, values: Array) -> None:
+def _check_stage(stage: Stage, values: Array) -> None:
     """What stands beside the vector."""
     blueprint, setting = stage.blueprint, stage.setting
     ints, bank = blueprint.ints, blueprint.poles
@@ -240,7 +239,7 @@ def _check_changes(changes: Sequence[int], count: float) -> None:
         before = change
 
 
-def _check_extra(stage: BesideVector, values: Array) -> None:
+def _check_extra(stage: Stage, values: Array) -> None:
     """The periods of the gradient rule, its rate and their number; a vector as it was before."""
     ints = stage.blueprint.ints
     if not by_gradient(ints) and not on_equation(ints):
@@ -275,7 +274,7 @@ def _check_witness(theta: Array, cov: Array, n: int) -> None:
     check_rule(variances, NumberRule("a variance", 0, theta.size, 0.0))
 
 
-def _check_snapshot(stage: BesideVector, values: Array) -> None:
+def _check_snapshot(stage: Stage, values: Array) -> None:
     """What work beside the stream began with: a vector of the same plan."""
     working = values[slots.WORK_DONE] > 0.0 and not stage.searching
     expected = int(working or values[slots.SUSPECT] > 0.0)
@@ -293,7 +292,7 @@ def _check_snapshot(stage: BesideVector, values: Array) -> None:
 # ------------------------------------------------------------------------------------------- vector
 
 
-def _check_clocks(stage: BesideVector, values: Array) -> None:
+def _check_clocks(stage: Stage, values: Array) -> None:
     """Whether counts, times and kept samples go together."""
     x, ints, dt = values, stage.blueprint.ints, stage.setting.dt
     count = float(x[slots.COUNT])

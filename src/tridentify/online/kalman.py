@@ -9,14 +9,11 @@ from typing import ClassVar
 import numpy as np
 
 from tridentify.errors import OptionError, shown
-from tridentify.estimation.methods.filtered.filter_cascade import checked_filter
-from tridentify.numerics.arrays import Array, Complex
-from tridentify.online.asked import check_choice
+from tridentify.numerics.arrays import Array
 from tridentify.online.equation import EquationError, unknowns_of
-from tridentify.online.equation_plan import equation_blueprint, maps_of
+from tridentify.online.equation_plan import maps_of, output_weights
 from tridentify.online.kernels import slots
 from tridentify.online.layout import Blueprint, Setting
-from tridentify.online.search import checked_start
 from tridentify.online.state import State
 from tridentify.transfer_function import TransferFunction
 
@@ -62,9 +59,7 @@ class Kalman(EquationError):
     name: ClassVar[str] = "kalman"
 
     def __post_init__(self) -> None:
-        check_choice("on_change", self.on_change, ("restart", "flag"))
-        object.__setattr__(self, "filter", checked_filter(self.filter))
-        object.__setattr__(self, "start", checked_start(self.start))
+        self._check()
         given = self.drift.values() if isinstance(self.drift, Mapping) else [self.drift]
         for one in given:
             number = isinstance(one, (int, float)) and not isinstance(one, bool)
@@ -79,15 +74,6 @@ class Kalman(EquationError):
     def __hash__(self) -> int:
         drift = tuple(self.drift.items()) if isinstance(self.drift, Mapping) else self.drift
         return hash((drift, self.filter, self.start, self.on_change))
-
-    def plan(
-        self, setting: Setting, poles: Complex, weights: Array, *, restarted: bool,
-        filtering: bool, keep: bool,
-    ) -> Blueprint:  # fmt: skip
-        """The blueprint with these options."""
-        return equation_blueprint(
-            setting, poles, restarted=restarted, weights=weights, filtering=filtering, keep=keep
-        )
 
     def begin(self, setting: Setting) -> State:
         """The state before the first sample."""
@@ -118,8 +104,7 @@ class Kalman(EquationError):
         if not (np.all(np.isfinite(root)) and np.all(diagonal > 0.0)):
             x[slots.TICK] = x[slots.COUNT] + self.wait(setting, old)
             return state
-        at = int(old.ints[slots.C_MONIC]) + old.poles.size + 1
-        weights = old.constants[at : at + setting.n_outputs]
+        weights = output_weights(old)
         new = self.plan(
             setting, old.poles, weights, restarted=old.nuisance.free, filtering=True,
             keep=bool(old.ints[slots.CHUNK]),

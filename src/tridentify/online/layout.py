@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from tridentify.numerics.realization import Cascade, cascade
 from tridentify.numerics.sampled import split_delay
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.slots import scatter_size, triangle_size
+from tridentify.online.task import Task
 from tridentify.structure import Structure
 
 CHUNK = 64
@@ -144,6 +145,44 @@ class Blueprint:
         return int(self.ints[slots.COLUMNS])
 
 
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """What holds between two events of an estimator.
+
+    Attributes
+    ----------
+    method : Estimator
+    setting : Setting
+    blueprint : Blueprint
+    poles : (n,) complex array
+        Of the model, as last solved for; empty before the first time.
+    past : tuple of (k, n_inputs + n_outputs + 1) arrays
+        Samples that are kept: interval, inputs, outputs.
+    changes : tuple of int
+        Samples at which the coefficients were found to have moved.
+    searching : bool
+        Whether a model is still looked for.
+    extra : tuple of arrays
+        What else a method keeps.
+    task : Task, optional
+        Work that is under way; not saved, as the other numbers say how to do it again.
+    """
+
+    method: Any
+    setting: Setting
+    blueprint: Blueprint
+    poles: Complex
+    past: tuple[Array, ...] = ()
+    changes: tuple[int, ...] = ()
+    searching: bool = True
+    extra: tuple[Array, ...] = ()
+    task: Task | None = None
+
+    def but(self, **changes: Any) -> Stage:
+        """A copy with other values."""
+        return replace(self, **changes)
+
+
 class Places:
     """Hands out places one after the other."""
 
@@ -159,9 +198,8 @@ class Places:
 
 def collecting(setting: Setting) -> Blueprint:
     """Only the samples are kept."""
-    return _blueprint(
-        setting, np.zeros(0, dtype=np.complex128), NuisanceColumns(False, False, False), 0
-    )
+    nothing = np.zeros(0, dtype=np.complex128)
+    return parallel(setting, nothing, NuisanceColumns(False, False, False), True)
 
 
 def parallel(
@@ -169,10 +207,10 @@ def parallel(
     poles: Complex,
     nuisance: NuisanceColumns,
     keep: bool,
-    forgetting: float,
-    kind: int,
+    forgetting: float = 1.0,
+    kind: int = 0,
 ) -> Blueprint:
-    """Step 1 on a bank.
+    """Step 1 on a bank; without poles only the samples are kept.
 
     Parameters
     ----------
@@ -186,22 +224,11 @@ def parallel(
     kind : int
         Of forgetting, as in `online.kernels.parallel`.
     """
-    return _blueprint(setting, poles, nuisance, CHUNK if keep else 0, forgetting, kind)
-
-
-def _blueprint(
-    setting: Setting,
-    poles: Complex,
-    nuisance: NuisanceColumns,
-    chunk: int,
-    forgetting: float = 1.0,
-    kind: int = 0,
-) -> Blueprint:
     m, p, q = setting.n_inputs, setting.n_outputs, poles.size
     columns = q * (m + nuisance.free) + m + nuisance.offset + nuisance.drift if q else 0
     directions = setting.n_directions if q else 0
     ints, plan, constants = places_of(
-        setting, poles, nuisance, columns, directions, chunk or (CHUNK if q == 0 else 0), kind
+        setting, poles, nuisance, columns, directions, CHUNK if keep else 0, kind
     )
     ints[slots.DRIFT] = nuisance.drift
     ints[slots.DIRECTIONS_STRIDE] = directions * columns

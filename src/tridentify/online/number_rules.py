@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
-from tridentify.numerics.arrays import Array, Complex, Indices
+from tridentify.numerics.arrays import Array, Indices
 from tridentify.online.kernels import gradient_slots as places
 from tridentify.online.kernels import slots
-from tridentify.online.layout import Blueprint, Setting
+from tridentify.online.layout import Stage
 
 WHOLE = 2.0**53
 """Beyond this a float does not count any more."""
@@ -56,7 +56,7 @@ def check_rule(values: Array, rule: NumberRule) -> None:
         )
 
 
-def rules_of(stage: BesideVector, values: Array) -> Iterator[NumberRule]:
+def rules_of(stage: Stage, values: Array) -> Iterator[NumberRule]:
     """What the numbers of the vector may be; room for scratch numbers is left out."""
     ints, setting = stage.blueprint.ints, stage.setting
     m, p = setting.n_inputs, setting.n_outputs
@@ -168,38 +168,6 @@ def _triangle_rules(ints: Indices, at: int) -> Iterator[NumberRule]:
     yield NumberRule("a target", at + n, n)
     yield NumberRule("a largest regressor", at + 2 * n, 2 * n, 0.0)
     yield NumberRule("a triangle", at + 4 * n, int(ints[slots.FACTOR]) - 4 * n)
-
-
-class BesideVector(Protocol):
-    """What stands beside the vector of an estimator (`online.state.Stage`)."""
-
-    @property
-    def setting(self) -> Setting:
-        """What the estimator was told."""
-
-    @property
-    def blueprint(self) -> Blueprint:
-        """Its plan."""
-
-    @property
-    def poles(self) -> Complex:
-        """Of the model."""
-
-    @property
-    def past(self) -> tuple[Array, ...]:
-        """Samples that are kept."""
-
-    @property
-    def changes(self) -> tuple[int, ...]:
-        """Samples at which the coefficients moved."""
-
-    @property
-    def searching(self) -> bool:
-        """Whether a model is still looked for."""
-
-    @property
-    def extra(self) -> tuple[Array, ...]:
-        """What else a method keeps."""
 
 
 def on_equation(ints: Indices) -> bool:

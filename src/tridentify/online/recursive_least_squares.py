@@ -5,17 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from tridentify.estimation.methods.filtered.filter_cascade import checked_filter
-from tridentify.numerics.arrays import Array, Complex
 from tridentify.online.asked import check_choice, check_forgetting
-from tridentify.online.equation import EquationError
-from tridentify.online.equation_plan import equation_blueprint
-from tridentify.online.kernels.slots import DIRECTIONAL, EXPONENTIAL, RESETTING
-from tridentify.online.layout import Blueprint, Setting
-from tridentify.online.search import checked_start
+from tridentify.online.equation import KINDS, EquationError
 from tridentify.transfer_function import TransferFunction
-
-KINDS = {"exponential": EXPONENTIAL, "directional": DIRECTIONAL, "resetting": RESETTING}
 
 
 @dataclass(frozen=True)
@@ -67,16 +59,4 @@ class RecursiveLeastSquares(EquationError):
     def __post_init__(self) -> None:
         check_forgetting(self.forgetting)
         check_choice("forget", self.forget, tuple(KINDS))
-        check_choice("on_change", self.on_change, ("restart", "flag"))
-        object.__setattr__(self, "filter", checked_filter(self.filter))
-        object.__setattr__(self, "start", checked_start(self.start))
-
-    def plan(
-        self, setting: Setting, poles: Complex, weights: Array, *, restarted: bool,
-        filtering: bool, keep: bool,
-    ) -> Blueprint:  # fmt: skip
-        """The blueprint with these options."""
-        return equation_blueprint(
-            setting, poles, restarted=restarted, weights=weights, forgetting=self.forgetting,
-            kind=KINDS[self.forget], keep=keep,
-        )  # fmt: skip
+        self._check()

@@ -10,9 +10,9 @@ from tridentify.estimation.likelihood.nuisance import Nuisances, build
 from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.online.estimator import Estimator
 from tridentify.online.kernels import gradient_slots, slots
-from tridentify.online.layout import CHUNK, Blueprint, Setting, collecting, fresh, watch_of
+from tridentify.online.layout import CHUNK, Blueprint, Setting, Stage, collecting, fresh, watch_of
 from tridentify.online.search import first_try, next_try, record_of
-from tridentify.online.state import Stage, State
+from tridentify.online.state import State
 from tridentify.online.task import Task
 
 SLICES = 1  # of a task, for every sample
@@ -34,16 +34,20 @@ def waiting(method: Estimator, setting: Setting) -> State:
 
 
 def run_kept(
-    method: Estimator, setting: Setting, blueprint: Blueprint, x: Array, samples: Array
-) -> Indices:
-    """Run kept samples through the kernel of a method, events passed over; gives the flags."""
+    method: Estimator, setting: Setting, blueprint: Blueprint, x: Array, samples: Array,
+    rows: Array | None = None,
+) -> Indices:  # fmt: skip
+    """Run kept samples through the kernel of a method, events passed over; gives the flags.
+
+    ``rows``: where the row of each sample is put.
+    """
     m = setting.n_inputs
     u = np.ascontiguousarray(samples[:, 1 : 1 + m])
     y = np.ascontiguousarray(samples[:, 1 + m :])
     innovations, flags = np.empty(y.shape), np.zeros(len(y), dtype=np.int64)
     regular = np.abs(samples[:, 0] - setting.dt) <= 1e-9 * setting.dt
     regular[:1] = True
-    if np.all(regular):
+    if np.all(regular) and rows is None:
         k = 0
         while k < len(y):
             k = method.kernels().run(
@@ -58,6 +62,9 @@ def run_kept(
         constants = blueprint.constants if regular[k] else each[k]
         method.kernels().step(blueprint.ints, constants, x, after)
         x[slots.FILLED], flags[k] = 0.0, int(x[slots.FLAGS])
+        if rows is not None and not (blueprint.nuisance.free and k < setting.late):
+            first, row = int(x[slots.FIRST]), int(blueprint.ints[slots.AT_ROW])
+            rows[k, first:] = x[row + first : row + blueprint.n_columns]
     return flags
 
 

@@ -1,30 +1,72 @@
-"""The state of an on-line estimator: a plain value."""
+"""The state of an on-line estimator: a plain value.
+
+What may be wrong with the samples or with what they say.
+"""
 
 from __future__ import annotations
 
 import base64
 import dataclasses
+import enum
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from tridentify.errors import TridentifyError, shown
 from tridentify.estimation.answer.encoding import load_document, save_document
-from tridentify.numerics.arrays import Array, Complex
-from tridentify.online.flags import Flag
+from tridentify.numerics.arrays import Array
 from tridentify.online.integrity import MOST_ORDER, check_orders, check_room, check_sound
 from tridentify.online.kernels import slots
-from tridentify.online.layout import Blueprint, NuisanceColumns, Setting
-from tridentify.online.task import Task
+from tridentify.online.layout import Blueprint, NuisanceColumns, Setting, Stage
 from tridentify.record.checks.values import check_keys, checked, texts
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 
-T = TypeVar("T")
+
+class Flag(enum.Flag):
+    """What a sample, or the samples of late, are found to be. Nothing is ``Flag(0)``.
+
+    Examples
+    --------
+    >>> from tridentify import online
+    >>> flags = online.Flag.STUCK | online.Flag.OUTLIER
+    >>> online.Flag.STUCK in flags, bool(online.Flag(0))
+    (True, False)
+    >>> online.Flag.STUCK.words
+    ('an output that stands still while the model moves; it is not used',)
+    """
+
+    MISSING_OUTPUT = enum.auto()
+    MISSING_INPUT = enum.auto()
+    JITTER = enum.auto()
+    OUTLIER = enum.auto()
+    STUCK = enum.auto()
+    SATURATED = enum.auto()
+    NOT_EXCITED = enum.auto()
+    CHANGED = enum.auto()
+    NOT_READY = enum.auto()
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """What is the matter, a sentence for each flag."""
+        return tuple(_WORDS[one] for one in self)
+
+
+_WORDS = {
+    Flag.MISSING_OUTPUT: "an output sample is missing",
+    Flag.MISSING_INPUT: "an input sample is missing; the one before is held",
+    Flag.JITTER: "the time since the sample before is not the sampling interval",
+    Flag.OUTLIER: "an output far from what is expected of it; it is not used",
+    Flag.STUCK: "an output that stands still while the model moves; it is not used",
+    Flag.SATURATED: "an output at its limit while the model is beyond; it is not used",
+    Flag.NOT_EXCITED: "the input tells nothing new of some combination of coefficients",
+    Flag.CHANGED: "the coefficients have moved",
+    Flag.NOT_READY: "the samples so far do not determine the coefficients",
+}
+
 
 SCHEMA = 1
 """Version of the file format."""
@@ -36,69 +78,8 @@ KEYS = (
 _NOT_READY = Flag.NOT_READY.value
 
 
-class Maker(Protocol):
-    """What a state asks of the estimator that made it."""
-
-    one_triangle: ClassVar[bool]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Name and options, ready for JSON."""
-
-    def setting(
-        self,
-        structure: Structure,
-        dt: float,
-        input_names: Sequence[str],
-        output_names: Sequence[str],
-        units: Mapping[str, str] | None,
-        intersample: str,
-    ) -> Setting:
-        """What it is told at the beginning, checked."""
-
-    def rebuilt(self, setting: Setting, blueprint: Blueprint) -> Blueprint:
-        """The plan of a blueprint from a file, made again."""
-
-
 MAKERS: dict[str, type[Any]] = {}
 """Name -> class of the estimators, each entered where it is defined."""
-
-
-@dataclass(frozen=True, eq=False)
-class Stage:
-    """What holds between two events of an estimator.
-
-    Attributes
-    ----------
-    method : Estimator
-    setting : Setting
-    blueprint : Blueprint
-    poles : (n,) complex array
-        Of the model, as last solved for; empty before the first time.
-    past : tuple of (k, n_inputs + n_outputs + 1) arrays
-        Samples that are kept: interval, inputs, outputs.
-    changes : tuple of int
-        Samples at which the coefficients were found to have moved.
-    searching : bool
-        Whether a model is still looked for.
-    extra : tuple of arrays
-        What else a method keeps.
-    task : Task, optional
-        Work that is under way; not saved, as the other numbers say how to do it again.
-    """
-
-    method: Any
-    setting: Setting
-    blueprint: Blueprint
-    poles: Complex
-    past: tuple[Array, ...] = ()
-    changes: tuple[int, ...] = ()
-    searching: bool = True
-    extra: tuple[Array, ...] = ()
-    task: Task | None = None
-
-    def but(self, **changes: Any) -> Stage:
-        """A copy with other values."""
-        return dataclasses.replace(self, **changes)
 
 
 class State(NamedTuple):
@@ -279,7 +260,7 @@ def unpacked(text: object) -> Array:
     return np.frombuffer(data, dtype="<f8").astype(np.float64)
 
 
-def method_from_dict(document: Mapping[str, Any]) -> Maker:
+def method_from_dict(document: Mapping[str, Any]) -> Any:
     """The estimator that ``to_dict`` described.
 
     Raises
@@ -300,8 +281,7 @@ def method_from_dict(document: Mapping[str, Any]) -> Maker:
         elif isinstance(value, list):
             value = tuple(value)
         options[key] = value
-    made: Maker = cls(**options)
-    return made
+    return cls(**options)
 
 
 def _build(document: Mapping[str, Any]) -> State:
@@ -331,14 +311,14 @@ def _build(document: Mapping[str, Any]) -> State:
     return State(values, stage)
 
 
-def _setting_of(document: Mapping[str, Any], method: Maker) -> Setting:
+def _setting_of(document: Mapping[str, Any], method: Any) -> Setting:
     """What the estimator was told, checked as if it were told now."""
     inputs, outputs = texts(document["input_names"]), texts(document["output_names"])
     structure = checked(document["structure"], dict)
     check_orders(structure["poles"], structure["zeros"], len(inputs), len(outputs))
     units = checked(document["units"], dict)
     dt, intersample = (checked(document[key], str) for key in ("dt", "intersample"))
-    setting = method.setting(
+    setting: Setting = method.setting(
         Structure.from_dict(structure), float.fromhex(dt), inputs, outputs, units, intersample
     )
     # as they were told, in their order

@@ -26,6 +26,7 @@ from tridentify.online.findings import noise_finding
 from tridentify.online.kernels import slots
 from tridentify.online.layout import Blueprint, Setting, smallest_channel
 from tridentify.online.scatter import with_scatter
+from tridentify.online.search import record_of
 from tridentify.online.summary import change_columns, on_order, seen, summarise, transfer
 from tridentify.record.record import Record
 
@@ -268,13 +269,5 @@ def estimate_of(
 
 def stand_in(setting: Setting, first: Array) -> Record:
     """A record with the channels of an estimator and samples that mean nothing, more than those."""
-    rows = 1 + max(setting.n_inputs, setting.n_outputs)
-    return Record(
-        np.tile(first, (rows, 1)),
-        np.zeros((rows, setting.n_outputs)),
-        dt=setting.dt,
-        intersample="foh" if setting.intersample == "foh" else "zoh",
-        input_names=list(setting.input_names),
-        output_names=list(setting.output_names),
-        units=dict(setting.units),
-    )
+    row = np.concatenate([[setting.dt], first, np.zeros(setting.n_outputs)])
+    return record_of(setting, np.tile(row, (1 + max(setting.n_inputs, setting.n_outputs), 1)))

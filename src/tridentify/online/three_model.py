@@ -16,7 +16,7 @@ what its early stages got wrong. With no forgetting the estimate is that of the 
 
 *The slow clock* ticks after half as many samples again as there were, or, with forgetting, after
 a quarter of what is remembered. Where the poles have moved from those of the bank by more than a
-hundredth of their decay rate, the bank moves after them (`online.follow`). As long as the first
+hundredth of their decay rate, the bank moves after them (`online.launch`). As long as the first
 samples are still kept (``samples``) they are run through the new bank, which is exact. Later the
 triangle and the states go over to the new bank without a jump (`online.summary.transfer`); what is
 lost is of third order in the distance.
@@ -46,7 +46,6 @@ over the memory; for those that move, the lag comes on top.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import ClassVar
@@ -61,14 +60,23 @@ from tridentify.numerics.threads import one_blas_thread
 from tridentify.online.asked import check_above_zero, check_choice, check_forgetting, not_ready
 from tridentify.online.estimator import CompiledKernels, check_asked, kept_samples
 from tridentify.online.findings import with_findings
-from tridentify.online.follow import Turn, following, turned
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.slots import DIRECTIONAL, EXPONENTIAL
-from tridentify.online.launch import Launch, Planner, launched, reference_of, searching_launch
+from tridentify.online.launch import (
+    Launch,
+    Planner,
+    Turn,
+    following,
+    launched,
+    reference_of,
+    searching_launch,
+    turned,
+)
 from tridentify.online.layout import (
     Blueprint,
     NuisanceColumns,
     Setting,
+    Stage,
     collecting,
     fresh,
     parallel,
@@ -85,7 +93,7 @@ from tridentify.online.starting import (
     told_changed,
     waiting,
 )
-from tridentify.online.state import Stage, State
+from tridentify.online.state import State
 from tridentify.online.steps import estimate_of, solve_steps
 from tridentify.online.suspicion import Look, Old, packed, trying, unpacked
 from tridentify.online.task import Task
@@ -166,7 +174,7 @@ class ThreeModel(Planner):
         """The compiled sample loop."""
         from tridentify.online.kernels.parallel import parallel_step
 
-        return CompiledKernels(parallel_step, block_of_step_1)
+        return CompiledKernels(parallel_step, in_blocks=True)
 
     def __post_init__(self) -> None:
         check_forgetting(self.forgetting)
@@ -417,10 +425,3 @@ class ThreeModel(Planner):
 def _witness(stage: Stage) -> tuple[Array, ...]:
     """What earlier looks at changes have come to, packed; none before the first."""
     return stage.extra[len(stage.extra) % 2 :]
-
-
-def block_of_step_1() -> Callable[..., int]:
-    """The compiled block; compiled, or read from disk, at the first call."""
-    from tridentify.online.kernels.parallel_block import parallel_block
-
-    return parallel_block

@@ -9,24 +9,19 @@ taken, as a list or a mapping of names to them.
 from __future__ import annotations
 
 from tridentify.plots.bode import plot_bode
-from tridentify.plots.compared import plot_compared
 from tridentify.plots.comparison import plot_comparison
 from tridentify.plots.convergence import plot_convergence
 from tridentify.plots.cost_surface import plot_cost_surface
-from tridentify.plots.fit import plot_fit
+from tridentify.plots.fit import plot_compared, plot_fit, plot_record, plot_residual
 from tridentify.plots.fleet import plot_fleet
-from tridentify.plots.hankel import plot_hankel
-from tridentify.plots.impulse import plot_impulse
 from tridentify.plots.measured import plot_frequency_response
 from tridentify.plots.nyquist import plot_nyquist
+from tridentify.plots.over_time import plot_impulse, plot_step
 from tridentify.plots.pole_zero import plot_pole_zero
-from tridentify.plots.record import plot_record
-from tridentify.plots.residual import plot_residual
 from tridentify.plots.residual_tests import plot_residual_tests
-from tridentify.plots.selection import plot_selection
+from tridentify.plots.selection import plot_hankel, plot_selection
 from tridentify.plots.spectrum import plot_excitation, plot_spectrum
-from tridentify.plots.step import plot_step
-from tridentify.plots.study_cells import plot_study_cells
+from tridentify.plots.study import plot_study_cells
 from tridentify.plots.style import Panels
 from tridentify.plots.trajectory import plot_trajectory
 

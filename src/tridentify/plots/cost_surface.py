@@ -123,9 +123,7 @@ def plot_cost_surface(
             ylabel=style.labelled(names[1], units),
         )
         ax.grid(False)
-        ax.ticklabel_format(axis="both", style="sci", scilimits=(-3, 4), useOffset=False)
-        for axis in (ax.xaxis, ax.yaxis):
-            axis.get_offset_text().set_fontsize(8)
+        style.scientific(ax)
     start = np.asarray(theta)[where]
     _mark(drawn[1], start, "s", style.BLACK, "a of the filter")
     _mark(drawn[1], bowl.centre, "*", style.BLACK, "minimum of Step 2")

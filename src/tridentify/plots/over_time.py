@@ -1,4 +1,9 @@
-"""What the pictures of responses over time have in common: how long to look, and how to draw."""
+"""What the pictures of responses over time have in common: how long to look, and how to draw.
+
+Picture of the step response with its confidence band.
+
+Picture of the impulse response with its confidence band.
+"""
 
 from __future__ import annotations
 
@@ -13,27 +18,38 @@ import numpy.typing as npt
 from tridentify.errors import OptionError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.comparison.entries import Models
+from tridentify.numerics import delta_method
 from tridentify.numerics.arrays import Array
 from tridentify.plots.lines import Line, band_label, lines_of, named_first, numbers
 from tridentify.plots.style import (
+    GREY,
     Panels,
     Shown,
     channel,
     channel_unit,
     dress,
     in_brackets,
+    legend,
+    legend_columns,
     literal,
     make_axes,
     scientific,
 )
 from tridentify.transfer_function import TransferFunction
-from tridentify.uncertainty import ImpulseBand, StepBand, sample
+from tridentify.uncertainty import (
+    ImpulseBand,
+    StepBand,
+    impulse_band,
+    sample,
+    sampled_impulse_band,
+    sampled_step_band,
+    step_band,
+)
 from tridentify.uncertainty.checks import checked_level, checked_times
 from tridentify.uncertainty.step import powers_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
 
 AT_ZERO = 1e-9
 """Of the largest pole, below which another is one at zero."""
@@ -324,3 +340,139 @@ def wrapped(text: str, width: int = 60) -> str:
     'pitch rate /\nelevator'
     """
     return "\n".join(textwrap.wrap(text, width)) or text
+
+
+STEP = Reply("plot_step", delta_method.step_response, step_band, sampled_step_band, "step", 0)
+
+
+def plot_step(
+    models: Models,
+    t: npt.ArrayLike | None = None,
+    *,
+    names: Sequence[str] | None = None,
+    level: float = 0.95,
+    axes: Sequence[Axes] | Axes | None = None,
+) -> Panels:
+    """Draw the response to a unit step of each input, with a pointwise confidence band.
+
+    Parameters
+    ----------
+    models : Estimate, TransferFunction, sequence of these, or mapping of names to them
+        Of the same channels. A transfer function has no band.
+    t : float or array_like, shape (n_times,), optional
+        Final time, or rising times [s]; the step comes at zero. By default until the model has
+        settled.
+    names : sequence of str, optional
+        One a model, for the legend; by default the keys of a mapping, the orders where they differ,
+        else the methods.
+    level : float
+        Probability that the band holds at each time. Of a posterior mean the band lies between
+        quantiles of its draws.
+    axes : sequence of matplotlib Axes, or one, optional
+        One per channel, outputs in the outer loop. A figure is made when left out.
+
+    Returns
+    -------
+    Panels
+        The axes.
+
+    Raises
+    ------
+    OptionError
+        The level is no probability, the times do not rise, or there are not as many axes as
+        channels.
+    SampleTypeError, ChannelNameError
+        Something is no model, or the models have different channels.
+
+    Notes
+    -----
+    The dashed line is the static gain, where the model has one.
+    """
+    drawn, lines = plot_replies(models, names, t, level, STEP, axes)
+    gains = [line.model.dc_gain for line in lines]
+    for k, ax in enumerate(drawn):
+        i, j = divmod(k, gains[0].shape[1])
+        for line, gain in zip(lines, gains, strict=True):
+            stable = np.all(np.roots(line.model.den[i][j]).real < 0)
+            if np.isfinite(gain[i, j]) and stable:
+                label = None if line.number else "static gain"
+                colour = GREY if line.together == 1 else line.colour
+                dash = "--" if line.together == 1 else ":"
+                ax.axhline(gain[i, j], color=colour, linewidth=0.9, linestyle=dash, label=label)
+    legend(drawn[0], columns=legend_columns(drawn[0]))
+    return drawn
+
+
+IMPULSE = Reply(
+    "plot_impulse",
+    delta_method.impulse_response,
+    impulse_band,
+    sampled_impulse_band,
+    "impulse",
+    1,
+)
+
+
+def plot_impulse(
+    models: Models,
+    t: npt.ArrayLike | None = None,
+    *,
+    names: Sequence[str] | None = None,
+    level: float = 0.95,
+    axes: Sequence[Axes] | Axes | None = None,
+) -> Panels:
+    """Draw the response to a unit impulse of each input, with a pointwise confidence band.
+
+    Parameters
+    ----------
+    models : Estimate, TransferFunction, sequence of these, or mapping of names to them
+        Of the same channels. A transfer function has no band.
+    t : float or array_like, shape (n_times,), optional
+        Final time, or rising times [s]; the impulse comes at zero. By default until the model has
+        settled.
+    names : sequence of str, optional
+        One a model, for the legend; by default the keys of a mapping, the orders where they differ,
+        else the methods.
+    level : float
+        Probability that the band holds at each time. Of a posterior mean the band lies between
+        quantiles of its draws.
+    axes : sequence of matplotlib Axes, or one, optional
+        One per channel, outputs in the outer loop. A figure is made when left out.
+
+    Returns
+    -------
+    Panels
+        The axes.
+
+    Raises
+    ------
+    OptionError
+        The level is no probability, the times do not rise, or there are not as many axes as
+        channels.
+    SampleTypeError, ChannelNameError
+        Something is no model, or the models have different channels.
+
+    Notes
+    -----
+    A channel with as many zeros as poles passes the impulse on at once; the weight of that is
+    written into the picture, and the curve is the rest.
+    """
+    drawn, lines = plot_replies(models, names, t, level, IMPULSE, axes)
+    for k, ax in enumerate(drawn):
+        _tell_direct(ax, lines, *divmod(k, lines[0].model.n_inputs))
+    legend(drawn[0], columns=legend_columns(drawn[0]))
+    return drawn
+
+
+def _tell_direct(ax: Axes, lines: Sequence[Line], output: int, input_: int) -> None:
+    """Weights of the impulses that are passed on at once, in the corner."""
+    told = []
+    for line in lines:
+        num, den = line.model.num[output][input_], line.model.den[output][input_]
+        if num.size == den.size and num[0]:
+            whose = "" if line.together == 1 else f" ({line.label})"
+            told.append(f"and an impulse of weight {num[0]:.4g} at once{whose}")
+    if told:
+        behind = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5}
+        corner: dict[str, Any] = {"transform": ax.transAxes, "ha": "right", "va": "top"}
+        ax.text(0.985, 0.95, literal("\n".join(told)), fontsize=9, bbox=behind, **corner)

@@ -33,8 +33,7 @@ from tridentify.plots.diagrams import (
     draw_series,
     draw_series_parallel,
 )
-from tridentify.plots.fit import draw_output, draw_residual
-from tridentify.plots.record import draw_inputs
+from tridentify.plots.fit import draw_inputs, draw_output, draw_residual
 from tridentify.plots.style import legend, outliers_of
 from tridentify.record.record import Record
 from tridentify.report.pictures import Drawing, Picture, check_formats, picture_of, save_drawing

@@ -18,11 +18,9 @@ from tridentify.studies.declared.nouns import (
     DeclaredStudy,
     DeclaredSystem,
 )
-from tridentify.studies.declared.reading import read_study, study_from
-from tridentify.studies.declared.result import DeclaredResult
+from tridentify.studies.declared.reading import SHIPPED, read_study, shipped_study, study_from
+from tridentify.studies.declared.result import CoefficientStatistics, DeclaredResult
 from tridentify.studies.declared.run import run_study
-from tridentify.studies.declared.statistics import CoefficientStatistics
-from tridentify.studies.shipped import SHIPPED, shipped_study
 
 __all__ = [
     "SHIPPED",

@@ -48,15 +48,15 @@ from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 from tridentify.structure import Structure
-from tridentify.studies.aircraft_numbers import (
+from tridentify.studies.aircraft_result import (
     COEFFICIENTS,
     ESTIMATORS,
     FAILED,
     FLAGGED,
+    AircraftResult,
     Condition,
     Event,
 )
-from tridentify.studies.aircraft_result import AircraftResult
 from tridentify.studies.base import Count
 from tridentify.studies.cramer_rao import information_factor, output_sensitivities
 from tridentify.studies.processes import run_batches

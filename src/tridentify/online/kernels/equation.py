@@ -22,14 +22,17 @@ from tridentify.numerics.compiled import linked as compiled
 from tridentify.numerics.recursive import correct, drift, predict, solve_triangle
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.absorb import absorb, refuse
-from tridentify.online.kernels.advance import die_away, drive
 from tridentify.online.kernels.intake import (
     count,
+    die_away,
     doubt,
+    drive,
     learn,
     noise_scale,
     nothing_told,
     take_in,
+    tell,
+    transit,
     watch,
 )
 
@@ -48,23 +51,10 @@ def free_motion(ints: Indices, c: Array, x: Array, i: int) -> None:
     """The filter of an output up to the newest sample, which is still to be added."""
     if x[slots.SINCE] == 0.0:
         return
-    q, upper, f, work = (
-        ints[slots.ORDER],
-        ints[slots.UPPER],
-        ints[slots.C_STEP],
-        ints[slots.AT_WORK],
-    )
-    own, g = ints[slots.AT_OUTPUTS] + i * q, ints[slots.C_OUTPUT]
-    now, new = x[own : own + q], x[work : work + q]
-    before = x[ints[slots.AT_BEFORE] + i]
+    q, g, before = ints[slots.ORDER], ints[slots.C_OUTPUT], x[ints[slots.AT_BEFORE] + i]
     for r in range(q):
-        total = c[g + r] * before
-        transition = c[f + r * q : f + (r + 1) * q]
-        for s in range(min(r + 1 + upper, q)):
-            total += transition[s] * now[s]
-        new[r] = total
-    for r in range(q):
-        now[r] = new[r]
+        x[ints[slots.AT_WORK] + r] = c[g + r] * before
+    transit(ints, c, x, ints[slots.AT_OUTPUTS] + i * q)
 
 
 @compiled("void(int64[::1], float64[::1], float64[::1], int64, float64)", inline=True)
@@ -187,12 +177,10 @@ def equation_step(ints: Indices, c: Array, x: Array, interval: float) -> float:
     take_in(ints, c, x, interval)
     m, p = ints[slots.INPUTS], ints[slots.OUTPUTS]
     if ints[slots.COLLECTING]:
-        x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.NOT_READY)
         return nothing_told(ints, x)
     advance_inputs(ints, c, x)
     n, theta = ints[slots.COLUMNS], ints[slots.AT_THETA]
     begun = not ints[slots.FREE] or x[slots.SINCE] >= ints[slots.BEGIN]
-    idle = False
     resting = False
     for i in range(p):
         w = ints[slots.AT_WATCH] + i * ints[slots.WATCH]
@@ -231,11 +219,7 @@ def equation_step(ints: Indices, c: Array, x: Array, interval: float) -> float:
                     used = expected
         x[before] = used
         x[w + slots.INNOVATION] /= c[ints[slots.C_MONIC] + ints[slots.ORDER] + 1 + i]
-        idle = idle or x[w + slots.IDLE] >= slots.IDLE_BLOCKS
-        if x[w + slots.MOVED] > 0.0:
-            x[slots.EVENT] = float(int(x[slots.EVENT]) | slots.ALARMED)
-    if idle:
-        x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.NOT_EXCITED)
+        tell(ints, x, w)
     if ints[slots.FILTERING] and not resting:
         drift(
             x, ints[slots.AT_COVARIANCE], n, c, ints[slots.C_WALK], ints[slots.C_WIDTHS],

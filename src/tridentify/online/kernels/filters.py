@@ -1,4 +1,4 @@
-"""Filters over a block of samples, compiled: what drives them first, then the states."""
+"""Filters and rows of a block of samples, compiled: what drives them first, then the states."""
 
 from __future__ import annotations
 
@@ -106,3 +106,94 @@ def direct_terms(
     now, before = line[shift:], line[shift - 1 :]
     for i in range(count):
         own[i] = c[h] * now[i] + c[h + 1] * before[i]
+
+
+@compiled("void(float64[::1], int64, int64, float64[:, ::1], int64, int64, int64)", wide=True)
+def combine(c: Array, weights: int, q: int, room: Array, states: int, to: int, count: int) -> None:
+    """A combination of the states of a filter, into a row of the workspace."""
+    row = room[to]
+    for s in range(q):
+        weight, own = c[weights + s], room[states + s]
+        if s == 0:
+            for k in range(count):
+                row[k] = weight * own[k + 1]
+        else:
+            for k in range(count):
+                row[k] += weight * own[k + 1]
+
+
+@compiled(
+    types.void(
+        INTS, VECTOR, VECTOR, SAMPLES, types.int64, types.int64, TABLE, types.int64, TABLE
+    ),
+    wide=True,
+)  # fmt: skip
+def equation_rows(
+    ints: Indices, c: Array, x: Array, y: Array, start: int, count: int, room: Array, columns: int,
+    lines: Array,
+) -> None:  # fmt: skip
+    """Rows of a block of samples of one output, and its filter (`equation.build_row`)."""
+    m, q, basis = ints[slots.INPUTS], ints[slots.ORDER], ints[slots.C_BASIS]
+    newest, told = room[columns - 1], room[columns + ints[slots.COLUMNS]]
+    for k in range(count):
+        newest[k] = y[start + k, 0]
+    g, before = ints[slots.C_OUTPUT], x[ints[slots.AT_BEFORE]]
+    for r in range(q):
+        own, factor = room[r], c[g + r]
+        own[0] = x[ints[slots.AT_OUTPUTS] + r]
+        own[1] = factor * before
+        for k in range(1, count):
+            own[k + 1] = factor * newest[k - 1]
+    run_filter(ints, c, room, 0, count, newest, c[g + q : g + 2 * q])
+    at = columns + ints[slots.ORDER] * ints[slots.FREE]
+    if ints[slots.OFFSET]:
+        for k in range(count):
+            room[at, k] = 1.0
+        at += 1
+    poles = int(c[ints[slots.C_ZEROS] + m])
+    for d in range(poles):
+        combine(c, basis + d * q, q, room, 0, at + d, count)
+        for k in range(count):
+            room[at + d, k] = -room[at + d, k]
+    at += poles
+    for j in range(m):
+        degree = int(c[ints[slots.C_ZEROS] + j])
+        for d in range(min(degree + 1, q)):
+            combine(c, basis + d * q, q, room, q + j * q, at + d, count)
+        if degree == q:
+            direct_terms(ints, c, room, at + q, j, count, lines)
+        at += degree + 1
+    monic = ints[slots.C_MONIC]
+    for k in range(count):
+        told[k] = c[monic + q] * newest[k]
+    for s in range(q):
+        factor, own = c[monic + s], room[s]
+        for k in range(count):
+            told[k] += factor * own[k + 1]
+
+
+@compiled(
+    "void(int64[::1], float64[::1], float64[::1], int64, float64[:, ::1], int64, float64[:, ::1])",
+    wide=True,
+)
+def parallel_rows(
+    ints: Indices, c: Array, x: Array, count: int, room: Array, columns: int, lines: Array
+) -> None:
+    """Rows of a block of samples, once the response to the impulse has died away."""
+    m, q = ints[slots.INPUTS], ints[slots.ORDER]
+    first = q * ints[slots.FREE]
+    for r in range(m * q):
+        states, column = room[r], room[columns + first + r]
+        for k in range(count):
+            column[k] = states[k + 1]
+    at = columns + first + m * q
+    for j in range(m):
+        direct_terms(ints, c, room, at, j, count, lines)
+        at += 1
+    if ints[slots.OFFSET]:
+        for k in range(count):
+            room[at, k] = 1.0
+        at += 1
+    if ints[slots.DRIFT]:
+        for k in range(count):
+            room[at, k] = (x[slots.COUNT] + k) * c[slots.INTERVAL] + x[slots.EXTRA] - x[slots.BORN]

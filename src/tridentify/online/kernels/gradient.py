@@ -33,6 +33,7 @@ from tridentify.online.kernels.intake import (
     noise_scale,
     nothing_told,
     take_in,
+    tell,
     watch,
 )
 from tridentify.online.kernels.parallel import advance, complete_row
@@ -83,17 +84,9 @@ def follow(x: Array, at: int, known: bool, taken: float, step: float, size: floa
     " float64)"
 )
 def move(
-    c: Array,
-    x: Array,
-    at: int,
-    k: int,
-    phi: int,
-    gains: int,
-    taken: float,
-    step: float,
-    weight: float,
-    error: float,
-) -> None:
+    c: Array, x: Array, at: int, k: int, phi: int, gains: int, taken: float, step: float,
+    weight: float, error: float,
+) -> None:  # fmt: skip
     """One fit by one sample.
 
     Parameters
@@ -272,7 +265,6 @@ def gradient_step(ints: Indices, c: Array, x: Array, interval: float) -> float:
     """One sample, which stands in the inbox; gives the innovation of the first output."""
     take_in(ints, c, x, interval)
     if ints[slots.COLLECTING]:
-        x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.NOT_READY)
         return nothing_told(ints, x)
     advance(ints, c, x)
     complete_row(ints, c, x)
@@ -282,13 +274,8 @@ def gradient_step(ints: Indices, c: Array, x: Array, interval: float) -> float:
     step = interval * c[places.RATE]
     idle = False
     for i in range(ints[slots.OUTPUTS]):
-        w = ints[slots.AT_WATCH] + i * ints[slots.WATCH]
         adapt(ints, c, x, i, n, first, step)
-        if x[w + slots.IDLE] >= slots.IDLE_BLOCKS:
-            x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.NOT_EXCITED)
-            idle = True
-        if x[w + slots.MOVED] > 0.0:
-            x[slots.EVENT] = float(int(x[slots.EVENT]) | slots.ALARMED)
+        idle |= tell(ints, x, ints[slots.AT_WATCH] + i * ints[slots.WATCH])
     answer = ints[places.X_ROOM]
     answers(ints, c, x, answer)
     for i in range(ints[slots.OUTPUTS]):

@@ -35,6 +35,8 @@ References
 ----------
 E. S. Page, Biometrika 41 (1954), 100-115.
 M. Basseville, I. Nikiforov, Detection of Abrupt Changes, Prentice Hall 1993.
+
+One sample on: a filter driven by the impulse at the beginning, and by the inputs, compiled.
 """
 
 from __future__ import annotations
@@ -117,10 +119,23 @@ def count(ints: Indices, x: Array) -> None:
 @compiled("float64(int64[::1], float64[::1])")
 def nothing_told(ints: Indices, x: Array) -> float:
     """The sample is done with, and nothing was expected of it."""
+    if ints[slots.COLLECTING]:
+        x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.NOT_READY)
     for i in range(ints[slots.OUTPUTS]):
         x[ints[slots.AT_WATCH] + i * ints[slots.WATCH] + slots.INNOVATION] = np.nan
     count(ints, x)
     return np.nan
+
+
+@compiled("boolean(int64[::1], float64[::1], int64)")
+def tell(ints: Indices, x: Array, w: int) -> bool:
+    """Raise what the watch of an output has come to; whether the input rests."""
+    idle = x[w + slots.IDLE] >= slots.IDLE_BLOCKS
+    if idle:
+        x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.NOT_EXCITED)
+    if x[w + slots.MOVED] > 0.0:
+        x[slots.EVENT] = float(int(x[slots.EVENT]) | slots.ALARMED)
+    return bool(idle)
 
 
 @compiled("float64(float64[::1], int64)", inline=True)
@@ -379,3 +394,54 @@ def watch(ints: Indices, c: Array, x: Array, w: int, first: int, v: float, ready
         scale = 0
         while judge(ints, x, w, scale, ready):
             scale += 1
+
+
+@compiled("void(int64[::1], float64[::1], float64[::1], int64)", inline=True)
+def transit(ints: Indices, c: Array, x: Array, own: int) -> None:
+    """The states at ``own`` one sample on; what drives them stands in the room for work."""
+    q, upper = ints[slots.ORDER], ints[slots.UPPER]
+    f, work = ints[slots.C_STEP], ints[slots.AT_WORK]
+    now, new = x[own : own + q], x[work : work + q]
+    for i in range(q):
+        total = new[i]
+        transition = c[f + i * q : f + (i + 1) * q]
+        for s in range(min(i + 1 + upper, q)):
+            total += transition[s] * now[s]
+        new[i] = total
+    for i in range(q):
+        now[i] = new[i]
+
+
+@compiled("boolean(int64[::1], float64[::1], float64[::1], int64)", inline=True)
+def die_away(ints: Indices, c: Array, x: Array, at: int) -> bool:
+    """The states at ``at``, after an impulse at the beginning; whether they are nothing from now.
+
+    The impulse acts once all inputs have arrived; the states are left alone once ``FIRST`` says
+    that they are nothing.
+    """
+    q, since = ints[slots.ORDER], x[slots.SINCE]
+    if since == ints[slots.BEGIN]:
+        for i in range(q):
+            x[at + i] = c[ints[slots.C_START] + 1 + i]
+    if since <= ints[slots.BEGIN] or x[slots.FIRST] != 0.0:
+        return False
+    for i in range(q):
+        x[ints[slots.AT_WORK] + i] = 0.0
+    transit(ints, c, x, at)
+    largest = 0.0
+    for i in range(q):
+        largest = max(largest, abs(x[at + i]))
+    return bool(largest < c[ints[slots.C_START]])
+
+
+@compiled("void(int64[::1], float64[::1], float64[::1], int64)", inline=True)
+def drive(ints: Indices, c: Array, x: Array, first: int) -> None:
+    """The states at ``first``, input after input, at the sample whose inputs were taken in."""
+    q, work = ints[slots.ORDER], ints[slots.AT_WORK]
+    for j in range(ints[slots.INPUTS]):
+        late = ints[slots.AT_LINE] + j * ints[slots.LINE] + int(c[ints[slots.C_EXTRA] + j])
+        g = ints[slots.C_TAPS] + 3 * j * q
+        arrived, before, earlier = x[late], x[late + 1], x[late + 2]
+        for i in range(q):
+            x[work + i] = c[g + i] * arrived + c[g + q + i] * before + c[g + 2 * q + i] * earlier
+        transit(ints, c, x, first + j * q)

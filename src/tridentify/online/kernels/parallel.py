@@ -18,8 +18,7 @@ from tridentify.numerics.arrays import Array, Indices
 from tridentify.numerics.compiled import linked as compiled
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.absorb import absorb
-from tridentify.online.kernels.advance import die_away, drive
-from tridentify.online.kernels.intake import count, nothing_told, take_in
+from tridentify.online.kernels.intake import count, die_away, drive, nothing_told, take_in, tell
 
 
 @compiled("void(int64[::1], float64[::1], float64[::1])", inline=True)
@@ -56,7 +55,6 @@ def parallel_step(ints: Indices, c: Array, x: Array, interval: float) -> float:
     """One sample, which stands in the inbox; gives the innovation of the first output."""
     take_in(ints, c, x, interval)
     if ints[slots.COLLECTING]:
-        x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.NOT_READY)
         return nothing_told(ints, x)
     advance(ints, c, x)
     complete_row(ints, c, x)
@@ -71,9 +69,6 @@ def parallel_step(ints: Indices, c: Array, x: Array, interval: float) -> float:
             ints, c, x, w, ints[slots.AT_FACTOR] + i * ints[slots.FACTOR], n, first,
             x[slots.INBOX + ints[slots.INPUTS] + i],
         )  # fmt: skip
-        if x[w + slots.IDLE] >= slots.IDLE_BLOCKS:
-            x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.NOT_EXCITED)
-        if x[w + slots.MOVED] > 0.0:
-            x[slots.EVENT] = float(int(x[slots.EVENT]) | slots.ALARMED)
+        tell(ints, x, w)
     count(ints, x)
     return float(x[ints[slots.AT_WATCH] + slots.INNOVATION])

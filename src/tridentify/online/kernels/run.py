@@ -26,42 +26,19 @@ BLOCK_POINTER = types.FunctionType(MANY)
 
 @compiled(MANY, value=True)
 def no_block(
-    ints: Indices,
-    c: Array,
-    x: Array,
-    u: Array,
-    y: Array,
-    start: int,
-    most: int,
-    innovations: Array,
-    flags: Indices,
-    room: Array,
-    lines: Array,
-    zeros: Array,
-    kept: Array,
-) -> int:
+    ints: Indices, c: Array, x: Array, u: Array, y: Array, start: int, most: int,
+    innovations: Array, flags: Indices, room: Array, lines: Array, zeros: Array, kept: Array,
+) -> int:  # fmt: skip
     """For an estimator that takes samples one by one."""
     return 0
 
 
 @compiled(types.int64(*WHICH, TABLE, INTS, STEP_POINTER, BLOCK_POINTER, *ROOM))
 def run_samples(
-    ints: Indices,
-    c: Array,
-    x: Array,
-    u: Array,
-    y: Array,
-    start: int,
-    stop: int,
-    innovations: Array,
-    flags: Indices,
-    step: Step,
-    block: Block,
-    room: Array,
-    lines: Array,
-    zeros: Array,
-    kept: Array,
-) -> int:
+    ints: Indices, c: Array, x: Array, u: Array, y: Array, start: int, stop: int,
+    innovations: Array, flags: Indices, step: Step, block: Block, room: Array, lines: Array,
+    zeros: Array, kept: Array,
+) -> int:  # fmt: skip
     """Samples ``start .. stop - 1`` of a record, up to the first with an event; gives the next.
 
     The last one is a single step, so that scratch numbers in ``x`` are as after single steps too.

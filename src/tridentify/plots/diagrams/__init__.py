@@ -9,10 +9,12 @@ from __future__ import annotations
 from tridentify.plots.diagrams.closed_loop import draw_closed_loop
 from tridentify.plots.diagrams.drawing import Diagram, write_diagram
 from tridentify.plots.diagrams.flow_chart import draw_flow_chart
-from tridentify.plots.diagrams.parallel import draw_parallel
-from tridentify.plots.diagrams.series import draw_series
-from tridentify.plots.diagrams.series_parallel import draw_series_parallel
-from tridentify.plots.diagrams.three_models import draw_three_models
+from tridentify.plots.diagrams.three_models import (
+    draw_parallel,
+    draw_series,
+    draw_series_parallel,
+    draw_three_models,
+)
 
 __all__ = [
     "Diagram",

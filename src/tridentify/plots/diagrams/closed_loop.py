@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from tridentify.errors import StepNotTakenError
 from tridentify.estimation.answer.estimate import Estimate
-from tridentify.plots.diagrams.blocks import adjusts, judge
 from tridentify.plots.diagrams.drawing import MODEL, OBJECT, PLAIN, SOFT, Board, Diagram, wrapped
-from tridentify.plots.diagrams.words import terms
+from tridentify.plots.diagrams.words import adjusts, judge, terms
 from tridentify.plots.style import channel
 
 SMALL = 11.5

@@ -1,4 +1,7 @@
-"""A file in TOML -> a declared study, or one line on what is wrong with it."""
+"""A file in TOML -> a declared study, or one line on what is wrong with it.
+
+Files of studies that come with the package.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +16,17 @@ from typing import Any
 import numpy as np
 
 from tridentify.errors import OptionError, UnreadableFileError, shown
-from tridentify.studies.declared.cells import cells, meetings
-from tridentify.studies.declared.draw import prepare
+from tridentify.studies.declared.draw import (
+    ARMA,
+    INPUTS,
+    NOISES,
+    STEP,
+    STUDENT,
+    drawn,
+    input_options,
+    prepare,
+    samples_of,
+)
 from tridentify.studies.declared.methods import KINDS, checked_for, options_of
 from tridentify.studies.declared.nouns import (
     DeclaredGrid,
@@ -25,16 +37,8 @@ from tridentify.studies.declared.nouns import (
     DeclaredSystem,
     Offered,
     Options,
-)
-from tridentify.studies.declared.signals import (
-    ARMA,
-    INPUTS,
-    NOISES,
-    STEP,
-    STUDENT,
-    drawn,
-    input_options,
-    samples_of,
+    cells,
+    meetings,
 )
 
 DRAWS = 200
@@ -407,3 +411,40 @@ def _listed(names: Iterable[str]) -> str:
 def _frozen(value: object) -> Any:
     """Lists as tuples, so that declared things can be compared and looked up."""
     return tuple(map(_frozen, value)) if isinstance(value, list) else value
+
+
+FOLDER = Path(__file__).parents[1] / "files"
+SHIPPED = tuple(sorted(path.stem for path in FOLDER.glob("*.toml")))
+"""Their names."""
+
+
+def shipped_study(name: str) -> Path:
+    """The file of a study that comes with the package.
+
+    Parameters
+    ----------
+    name : str
+        One of `SHIPPED`, with or without its ending.
+
+    Returns
+    -------
+    Path
+        To run, or to copy and change.
+
+    Raises
+    ------
+    OptionError
+        There is none of that name.
+
+    Examples
+    --------
+    >>> shipped_study("aircraft").name
+    'aircraft.toml'
+    """
+    stem = name.removesuffix(".toml")
+    if stem not in SHIPPED:
+        raise OptionError(
+            f"found no study {shown(name)} in the package; expected one of: {', '.join(SHIPPED)}; "
+            "choose one, or give the path of a file"
+        )
+    return FOLDER / f"{stem}.toml"

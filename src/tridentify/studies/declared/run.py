@@ -11,9 +11,8 @@ from typing import Any
 
 from tridentify.errors import OptionError
 from tridentify.studies.base import Count
-from tridentify.studies.declared.cells import draws_of, meetings
 from tridentify.studies.declared.draw import Row
-from tridentify.studies.declared.nouns import DeclaredStudy
+from tridentify.studies.declared.nouns import DeclaredStudy, draws_of, meetings
 from tridentify.studies.declared.reading import read_study
 from tridentify.studies.declared.result import DeclaredResult
 from tridentify.studies.declared.results import DrawStore, Key, key_of
