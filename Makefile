@@ -72,7 +72,7 @@ docs: $(INSTALLED_DEV) ## build the documentation into build/docs, running every
 		docs build/docs
 	@echo "build/docs/index.html"
 
-kernels: $(INSTALLED_DEV) ## compile the sample loops before several processes need them at once
+kernels: $(INSTALLED) ## compile the sample loops before several processes need them at once
 	@OPENBLAS_NUM_THREADS=1 $(VENV)/bin/tridentify warm
 
 browser: ## install Chromium for the tests of the report, where apt-get is allowed to
@@ -155,13 +155,13 @@ $(INSTALLED): $(CREATED) pyproject.toml constraints.txt
 	@$(PY) -m compileall -q src/tridentify
 	@touch $@
 
-$(INSTALLED_APP): $(INSTALLED) pyproject.toml constraints.txt
+# Of the package that is installed, what an extra needs: nothing is taken away while it is in use.
+$(INSTALLED_APP): $(INSTALLED)
 	@echo "Installing what the workbench is built on (half a minute the first time)"
-	@$(PIP) install $(COMPILE) --constraint constraints.txt --editable ".[app]"
+	@$(PIP) install $(COMPILE) --constraint constraints.txt "tridentify[app]"
 	@touch $@
 
-$(INSTALLED_DEV): $(CREATED) pyproject.toml constraints.txt
-	@echo "Installing tridentify with the development tools (a minute or two the first time)"
-	@$(PIP) install $(COMPILE) --constraint constraints.txt --editable ".[dev]"
-	@$(PY) -m compileall -q src/tridentify
-	@touch $(INSTALLED) $(INSTALLED_APP) $@
+$(INSTALLED_DEV): $(INSTALLED)
+	@echo "Installing the development tools (a minute or two the first time)"
+	@$(PIP) install $(COMPILE) --constraint constraints.txt "tridentify[dev]"
+	@touch $(INSTALLED_APP) $@

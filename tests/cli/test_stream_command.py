@@ -774,6 +774,7 @@ def test_without_a_terminal_the_live_view_is_a_plain_line(run, file):
     assert "\x1b" not in outcome.err
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
 def test_in_a_terminal_the_table_moves_and_the_lines_stay_whole(file):
     main, side = os.openpty()

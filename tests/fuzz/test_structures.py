@@ -8,6 +8,7 @@ from fractions import Fraction
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from tridentify import (
     METHODS,
@@ -19,6 +20,8 @@ from tridentify import (
     simulate,
     validate,
 )
+
+pytestmark = pytest.mark.judged_at_once
 
 NONSENSE = (
     None, "", "x", "free", "auto", b"1", True, math.nan, math.inf, -math.inf, 1j, 10**400, -1, 0.5,

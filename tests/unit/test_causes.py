@@ -233,6 +233,7 @@ def test_a_limit_is_told_with_its_level_and_what_it_brings(made, seed):
     assert abs(told - limit) < 0.15 * limit
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [3, *(pytest.param(k, marks=pytest.mark.slow) for k in (4, 5))])
 def test_a_hardening_spring_is_not_taken_for_coloured_noise(seed):
     (record,), estimate = cubic(seed), with_two_poles(cubic, seed)
@@ -313,6 +314,7 @@ def measured(seed):
     return fine[::10], y[::10]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "between", ["zoh", *(pytest.param(b, marks=pytest.mark.slow) for b in ("foh", "band-limited"))]
 )

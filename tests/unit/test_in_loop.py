@@ -60,6 +60,7 @@ def test_errors_are_what_is_said_of_them():
 
 
 @pytest.mark.parametrize("kind", ["stable", "integrating", "unstable"])
+@pytest.mark.fast("unstable")
 def test_plants_of_all_kinds_are_found(kind):
     for seed in range(910_000, 910_003):
         drawn = sampled(seed, kind)
@@ -98,6 +99,7 @@ def test_the_slopes_are_derivatives_of_the_innovations():
         assert np.linalg.norm(slope - own) < 0.05 * np.linalg.norm(own)
 
 
+@pytest.mark.slow
 def test_an_integrator_rests_at_an_input_that_is_not_its_first():
     drawn = sampled(910_030, "integrating")
     moved = Record(drawn.record.u + 3.0, drawn.record.y + 7.0, dt=drawn.record.dt)
@@ -139,6 +141,7 @@ def confident_and_wrong(drawn: loops.Drawn) -> tuple[bool, bool]:
     return bool(wrong), told
 
 
+@pytest.mark.slow
 def test_an_input_that_moves_between_its_samples_is_said_to_decide():
     drawn = continuous(930_001)
     assert drawn.record.intersample == "auto"

@@ -71,6 +71,7 @@ def test_a_coarse_thermometer_in_a_wandering_room_is_not_saturated(seed):
     assert "saturation" not in serious(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.fast("1")
 def test_a_drive_that_sticks_is_no_sensor_that_hangs(seed):
@@ -80,6 +81,7 @@ def test_a_drive_that_sticks_is_no_sensor_that_hangs(seed):
     assert "stuck-sensor" not in found + serious(advise(record).findings)
 
 
+@pytest.mark.slow
 def test_an_encoder_that_hangs_is_still_told():
     record = drive(1)
     y = record.y.copy()

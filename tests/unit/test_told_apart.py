@@ -71,6 +71,7 @@ def test_no_two_samples_in_a_row_tell_no_law_with_memory():
     assert law.lags is None
 
 
+@pytest.mark.slow
 def test_a_plant_of_more_poles_than_the_controller_remembers_is_not_told():
     drawn = silent("P", 0)
     estimate = identify(drawn.record, drawn.structure, throw=False)
