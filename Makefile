@@ -28,7 +28,7 @@ PYTEST := MPLBACKEND=Agg OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 \
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 FUZZ_SECONDS ?= 300
-.PHONY: help demo app test test-all durations fuzz check docs browser kernels lint format bench bits cluster clean clean-all FORCE
+.PHONY: help demo app test test-all durations fuzz check ci docs browser kernels lint format bench bits cluster clean clean-all FORCE
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -54,6 +54,14 @@ fuzz: $(INSTALLED_DEV) ## run the fuzzers on new seeds, FUZZ_SECONDS each (about
 		--timeout=$$(($(FUZZ_SECONDS) + 300)) tests/fuzz $(PYTEST_ARGS)
 
 check: lint docs test ## all that has to pass before a change goes in
+
+ci: check
+
+# The loops are compiled once, beside lint, before the several processes of docs and test need them.
+ifneq ($(filter ci,$(MAKECMDGOALS)),)
+docs test: | kernels
+test: | lint browser
+endif
 
 lint: $(INSTALLED_DEV) ## formatting, lint, types, layers
 	@$(PY) -m ruff format --check .

@@ -83,6 +83,7 @@ OPTIONS = {
 
 
 @pytest.mark.parametrize("which", OPTIONS)
+@pytest.mark.fast("as they come", "orders and terms", "what is known", "another method")
 def test_both_give_the_estimate_of_the_page(card, which, capsys):
     options = OPTIONS[which]
     chosen = checked(options)

@@ -226,6 +226,7 @@ def test_a_dead_process_is_one_clear_error():
         run_batches(os._exit, [3], workers=1)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="signals to process groups")
 @pytest.mark.parametrize(
     ("number", "workers"),

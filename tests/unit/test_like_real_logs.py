@@ -116,6 +116,7 @@ def vehicle(seed):
     return Record(u, y, dt=dt, intersample="auto")
 
 
+@pytest.mark.slow
 @pytest.mark.unjudged
 def test_a_late_heater_is_no_further_pole_where_the_order_is_open():
     rng = np.random.default_rng(0)
