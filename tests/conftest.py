@@ -13,7 +13,6 @@ import hypothesis
 import pytest
 
 from fast_cases import leave_the_others_to_the_slow_run
-from judged_when_read import judge_at_once, judge_when_read
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
 from tridentify.judgement import choice
@@ -89,15 +88,6 @@ def _of_the_method(estimate: Estimate, *_: object) -> Sequence[Finding]:
     return estimate.findings
 
 
-@pytest.fixture(scope="session", autouse=True)
-def _judged_when_read() -> Iterator[None]:
-    """Judge an estimate when a test reads what is said of it, see `judged_when_read`."""
-    with pytest.MonkeyPatch.context() as patch:
-        if QUICK:
-            judge_when_read(patch)
-        yield
-
-
 @pytest.fixture(autouse=True)
 def _judged_where_it_counts(
     request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
@@ -110,8 +100,6 @@ def _judged_where_it_counts(
     marked = request.node.get_closest_marker
     if QUICK and marked("unjudged") and not marked("judged"):
         monkeypatch.setattr(choice, "judged", _of_the_method)
-    if marked("judged_at_once"):
-        judge_at_once(monkeypatch)
 
 
 def _blank(_drawing: object, buffer: Any, name: str) -> None:

@@ -19,8 +19,6 @@ from tridentify.estimation.methods.output_error import OutputError
 from tridentify.export import write_c_header, write_matlab
 from tridentify.writing.layout import short
 
-pytestmark = pytest.mark.judged_at_once
-
 IN_SUMMARY = 26
 """Characters of a name in the heading of a summary."""
 COMPILER = shutil.which("gcc") or shutil.which("cc")

@@ -24,8 +24,6 @@ from tridentify import (
     validate,
 )
 
-pytestmark = pytest.mark.judged_at_once
-
 EXPONENTS = (-323, -300, -99, -41, -39, -38, -30, -9, 0, 0, 0, 9, 30, 38, 39, 41, 150, 308)
 LENGTHS = (0, 1, 2, 3, 5, 8, 13, 30, 60)
 STRUCTURES = (

@@ -8,7 +8,6 @@ from fractions import Fraction
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 
 from tridentify import (
     METHODS,
@@ -20,8 +19,6 @@ from tridentify import (
     simulate,
     validate,
 )
-
-pytestmark = pytest.mark.judged_at_once
 
 NONSENSE = (
     None, "", "x", "free", "auto", b"1", True, math.nan, math.inf, -math.inf, 1j, 10**400, -1, 0.5,

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from tridentify import Record, Structure, TransferFunction, identify, simulate
 from tridentify.judgement.validation import assess, remembered
-
-pytestmark = pytest.mark.judged_at_once
 
 
 def test_an_identification_takes_one_look_and_another_record_gets_its_own(monkeypatch):

@@ -10,8 +10,6 @@ import pytest
 from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, simulate, validate
 from tridentify.judgement.validation import assess
 
-pytestmark = pytest.mark.judged_at_once
-
 U = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], 25), 8)
 PLANT = TransferFunction([9.0], [1.0, 1.2, 9.0])
 Y = simulate(PLANT, Record(U, U, dt=0.05))[:, 0]
