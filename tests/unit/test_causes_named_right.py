@@ -114,6 +114,7 @@ def test_noise_of_an_input_at_rest_is_named():
     assert "stands still between its pulses" in found.message
 
 
+@pytest.mark.slow
 def test_a_bend_of_blows_is_still_named():
     rng = np.random.default_rng(5)
     u = np.zeros(1500)
@@ -156,6 +157,7 @@ def clipped(seed, spikes=4):
     return Record(u, y, dt=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("spikes", [1, 4])
 @pytest.mark.fast("4-1")
@@ -201,6 +203,7 @@ def test_a_delay_and_another_behaviour_are_named_together():
     assert "state the delay" in found.remedy
 
 
+@pytest.mark.slow
 def test_a_delay_alone_is_named_alone():
     found = first_of(late(1, False, 0.004))
     assert found.code == "delay"

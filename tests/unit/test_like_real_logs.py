@@ -64,6 +64,7 @@ def serious(findings):
     return [one.code for one in findings if one.matters]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.fast("1")
 def test_a_coarse_thermometer_in_a_wandering_room_is_not_saturated(seed):
