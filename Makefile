@@ -28,7 +28,7 @@ PYTEST := MPLBACKEND=Agg OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 \
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 FUZZ_SECONDS ?= 300
-.PHONY: help demo app test test-all durations fuzz check docs browser kernels lint format bench bits cluster clean clean-all FORCE
+.PHONY: help demo app test test-all durations fuzz check ci docs browser kernels lint format bench bits cluster clean clean-all FORCE
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -55,6 +55,14 @@ fuzz: $(INSTALLED_DEV) ## run the fuzzers on new seeds, FUZZ_SECONDS each (about
 
 check: lint docs test ## all that has to pass before a change goes in
 
+ci: check
+
+# The loops are compiled once, beside lint, before the several processes of docs and test need them.
+ifneq ($(filter ci,$(MAKECMDGOALS)),)
+docs test: | kernels
+test: | lint browser
+endif
+
 lint: $(INSTALLED_DEV) ## formatting, lint, types, layers
 	@$(PY) -m ruff format --check .
 	@$(PY) -m ruff check .
@@ -72,7 +80,7 @@ docs: $(INSTALLED_DEV) ## build the documentation into build/docs, running every
 		docs build/docs
 	@echo "build/docs/index.html"
 
-kernels: $(INSTALLED_DEV) ## compile the sample loops before several processes need them at once
+kernels: $(INSTALLED) ## compile the sample loops before several processes need them at once
 	@OPENBLAS_NUM_THREADS=1 $(VENV)/bin/tridentify warm
 
 browser: ## install Chromium for the tests of the report, where apt-get is allowed to
@@ -155,13 +163,13 @@ $(INSTALLED): $(CREATED) pyproject.toml constraints.txt
 	@$(PY) -m compileall -q src/tridentify
 	@touch $@
 
-$(INSTALLED_APP): $(INSTALLED) pyproject.toml constraints.txt
+# Of the package that is installed, what an extra needs: nothing is taken away while it is in use.
+$(INSTALLED_APP): $(INSTALLED)
 	@echo "Installing what the workbench is built on (half a minute the first time)"
-	@$(PIP) install $(COMPILE) --constraint constraints.txt --editable ".[app]"
+	@$(PIP) install $(COMPILE) --constraint constraints.txt "tridentify[app]"
 	@touch $@
 
-$(INSTALLED_DEV): $(CREATED) pyproject.toml constraints.txt
-	@echo "Installing tridentify with the development tools (a minute or two the first time)"
-	@$(PIP) install $(COMPILE) --constraint constraints.txt --editable ".[dev]"
-	@$(PY) -m compileall -q src/tridentify
-	@touch $(INSTALLED) $(INSTALLED_APP) $@
+$(INSTALLED_DEV): $(INSTALLED)
+	@echo "Installing the development tools (a minute or two the first time)"
+	@$(PIP) install $(COMPILE) --constraint constraints.txt "tridentify[dev]"
+	@touch $(INSTALLED_APP) $@

@@ -30,6 +30,12 @@ FEW = {"start": 1.0, "end": 3.2, "use": "identify"}
 """45 samples: enough for four candidates."""
 
 
+@pytest.fixture(autouse=True)
+def _one_process(monkeypatch):
+    """Figures are drawn in this process: to start another one takes longer than to draw them."""
+    monkeypatch.setattr("tridentify.cli.artist.worth_it", lambda: False)
+
+
 @pytest.fixture(scope="module")
 def card(tmp_path_factory) -> dict[str, Any]:
     rng = np.random.default_rng(8)
@@ -77,6 +83,7 @@ OPTIONS = {
 
 
 @pytest.mark.parametrize("which", OPTIONS)
+@pytest.mark.fast("as they come", "orders and terms", "what is known", "another method")
 def test_both_give_the_estimate_of_the_page(card, which, capsys):
     options = OPTIONS[which]
     chosen = checked(options)
@@ -143,6 +150,7 @@ def test_a_record_is_checked_and_searched_by_lines_that_run(card, capsys):
     assert "position" in capsys.readouterr().out
 
 
+@pytest.mark.undrawn
 def test_what_validates_is_tested_by_lines_that_run(card, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     ranges = [RANGE, *({"start": start, "end": start + 2.2, "use": "validate"}
@@ -157,6 +165,7 @@ def test_what_validates_is_tested_by_lines_that_run(card, tmp_path, capsys, monk
     assert json.loads(capsys.readouterr().out)["fit"]
 
 
+@pytest.mark.undrawn
 def test_a_model_is_exported_by_lines_that_run(card, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     record = read_record(card["path"], inputs=["force"], outputs=["position"])

@@ -29,6 +29,7 @@ def _two_processors(monkeypatch):
     monkeypatch.setattr("tridentify.cli.artist.worth_it", lambda: True)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_two_processors")
 @pytest.mark.parametrize("part", ["model", "tests"])
 @pytest.mark.fast("tests")

@@ -177,6 +177,7 @@ def test_what_a_rule_calls_missing_does_not_count(run, write_table, clean, quest
     assert document["record"]["n_missing"] == count
 
 
+@pytest.mark.unjudged
 def test_units_may_be_stated(run, noisy, question):
     document = identified(run, noisy, *question, "--unit", "q=rad/s", "--unit", "elevator=rad")
     assert document["units"] == {"q": "rad/s", "elevator": "rad"}

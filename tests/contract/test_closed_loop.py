@@ -379,6 +379,7 @@ def test_the_order_is_chosen():
     right(estimate)
 
 
+@pytest.mark.slow
 @pytest.mark.unjudged
 def test_structures_are_compared_on_the_reference_route():
     candidates = [tri.Structure(1, 0), ORDERS]

@@ -109,6 +109,7 @@ def test_a_disturbance_that_grows_is_no_plant_that_does():
     assert identify(Record(u, y, dt=0.05), Structure(1, 0)).model.is_stable
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [38, 5])
 @pytest.mark.fast("5")
 def test_steps_to_and_fro_come_to_rest(seed):

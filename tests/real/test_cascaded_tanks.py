@@ -51,6 +51,7 @@ def test_more_coefficients_do_not_help(records, judged, poles, zeros):
     assert judged(estimate.model, records[1])[0] < 72.5
 
 
+@pytest.mark.slow
 @pytest.mark.judged
 def test_what_is_left_is_told(records):
     estimate = identify(records[0], structure(2, 0), PLAIN)

@@ -10,6 +10,7 @@ from tridentify import Record, Structure, compare, identify, read_record, simula
 pytestmark = pytest.mark.unjudged
 
 
+@pytest.mark.slow
 def test_a_model_of_one_flight_explains_another_at_any_trim(folder, judged):
     first, second = (
         read_record(

@@ -86,6 +86,7 @@ def test_two_heaters_and_two_sensors_share_their_poles(folder):
     assert estimate.model.is_stable
 
 
+@pytest.mark.slow
 def test_stamps_taken_for_what_they_are_give_the_same(folder):
     record = read(folder, "data_step.csv", ["u"], ["y"])
     uneven, near = (identify(r, structure(2, 0), PLAIN) for r in (record, uniform(record)))

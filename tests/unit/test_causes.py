@@ -233,6 +233,7 @@ def test_a_limit_is_told_with_its_level_and_what_it_brings(made, seed):
     assert abs(told - limit) < 0.15 * limit
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [3, *(pytest.param(k, marks=pytest.mark.slow) for k in (4, 5))])
 def test_a_hardening_spring_is_not_taken_for_coloured_noise(seed):
     (record,), estimate = cubic(seed), with_two_poles(cubic, seed)
@@ -313,6 +314,7 @@ def measured(seed):
     return fine[::10], y[::10]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "between", ["zoh", *(pytest.param(b, marks=pytest.mark.slow) for b in ("foh", "band-limited"))]
 )
@@ -368,6 +370,7 @@ def test_a_structure_whose_poles_are_all_needed_is_not_called_too_high():
     assert "order-high" not in [f.code for f in estimate.findings]
 
 
+@pytest.mark.slow
 def test_a_slow_disturbance_is_named_where_the_noise_has_no_model():
     (record,) = slowly_disturbed(11)
     first = validate(identify(record, ASKED, ThreeModel(noise="white")), record).findings[0]
@@ -389,6 +392,7 @@ def test_a_stretch_at_rest_in_coloured_noise_shows_no_response(seed):
         assert estimate.findings[0].code == "no-response", [f.code for f in estimate.findings]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in (2, 3))])
 def test_two_random_walks_have_nothing_to_do_with_each_other(seed):
     rng = np.random.default_rng(seed)

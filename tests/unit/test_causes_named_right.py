@@ -100,6 +100,7 @@ def struck(seed, size=0.3, blows=5, seconds=3.0):
     return Record(u, y + 2e-5 * rng.standard_normal(y.size), dt=dt, intersample="auto")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2, 3))])
 def test_blows_of_a_hammer_are_no_bend(seed):
     codes = [one.code for one in identify(struck(seed), Structure(2, 0)).findings if one.matters]
@@ -113,6 +114,7 @@ def test_noise_of_an_input_at_rest_is_named():
     assert "stands still between its pulses" in found.message
 
 
+@pytest.mark.slow
 def test_a_bend_of_blows_is_still_named():
     rng = np.random.default_rng(5)
     u = np.zeros(1500)
@@ -131,6 +133,7 @@ def test_steps_and_noise_are_no_pulses():
     assert pulses(rng.standard_normal(500)) == []
 
 
+@pytest.mark.slow
 def test_ambient_drift_of_an_oven_is_named_before_a_bend():
     """Two steps of the heater and a swing of the air around, slower than the record."""
     rng = np.random.default_rng(8)
@@ -154,6 +157,7 @@ def clipped(seed, spikes=4):
     return Record(u, y, dt=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("spikes", [1, 4])
 @pytest.mark.fast("4-1")
@@ -190,6 +194,7 @@ def late(seed, joined, noise):
     return Record(u[::fine], y + noise * np.std(y) * rng.standard_normal(n), dt=dt)
 
 
+@pytest.mark.slow
 def test_a_delay_and_another_behaviour_are_named_together():
     found = first_of(late(1, True, 0.004))
     assert found.code == "intersample"
@@ -198,6 +203,7 @@ def test_a_delay_and_another_behaviour_are_named_together():
     assert "state the delay" in found.remedy
 
 
+@pytest.mark.slow
 def test_a_delay_alone_is_named_alone():
     found = first_of(late(1, False, 0.004))
     assert found.code == "delay"
@@ -212,6 +218,7 @@ def test_what_the_record_does_not_tell_is_said():
 
 
 @pytest.mark.parametrize(("zeros", "free"), [(0, True), (2, False)])
+@pytest.mark.fast("2-False")
 def test_a_delay_is_to_be_estimated_only_where_it_can_be(zeros, free):
     rng = np.random.default_rng(3)
     u = np.repeat(rng.uniform(-1.0, 1.0, 150), 4)
@@ -224,6 +231,7 @@ def test_a_delay_is_to_be_estimated_only_where_it_can_be(zeros, free):
     assert ("delay='free'" in found.remedy) is free
 
 
+@pytest.mark.slow
 def test_small_moves_of_a_controller_are_no_noise_of_the_input():
     """A position loop whose set point steps now and then: spikes of the input, and feedback."""
     rng = np.random.default_rng(3)
@@ -268,6 +276,7 @@ def bends_of(gap, seed):
     return [one for one in found if one.code == "nonlinear" and one.matters]
 
 
+@pytest.mark.slow
 def test_play_between_two_masses_shows_in_the_speed_of_one():
     assert not bends_of(0.0, 1)
     (told,) = bends_of(0.01, 1)
@@ -365,6 +374,7 @@ def with_a_fast_pole(seed):
     return Record(u, clean + 0.1 * np.std(clean) * rng.standard_normal(u.size), dt=dt)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in range(2, 9))]
 )
@@ -396,6 +406,7 @@ def discrete(w, z, dt):
     return found[:2, :2], found[:2, 2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in range(2, 9))]
 )

@@ -239,6 +239,7 @@ def test_saturation_is_noticed_at_any_share(share, sides, level, steps, noise):
     assert named == sides if share > 0.02 else named >= (0 if steps else 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "ratio", [0.003, 0.5, *(pytest.param(x, marks=pytest.mark.slow) for x in (0.1, 1.5))]
 )

@@ -33,7 +33,7 @@ def codes(record, structure):
 
 
 @pytest.mark.parametrize(("seed", "code"), [(1, -999.0), (2, 9999.0), (3, -1e6)])
-@pytest.mark.fast("1-*", "3-*")
+@pytest.mark.fast("1-*")
 def test_a_code_for_missing_values_is_told_first(seed, code):
     rng, u, y, dt = plant(seed)
     at = int(rng.integers(50, 450))
@@ -61,7 +61,7 @@ def test_where_a_sensor_hung_no_rows_were_lost(seed):
 
 
 @pytest.mark.parametrize("seed", range(20, 24))
-@pytest.mark.fast("21", "22")
+@pytest.mark.fast("21")
 def test_a_coarse_slow_sensor_is_told_of_its_steps_alone(seed):
     rng = np.random.default_rng(seed)
     u = np.where(steps(rng, 600, 60, 150) > 0, 1.0, -1.0)
@@ -72,6 +72,7 @@ def test_a_coarse_slow_sensor_is_told_of_its_steps_alone(seed):
     assert set(found) <= {"quantisation", "noise-model"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [11, 13, 15])
 @pytest.mark.fast("15")
 def test_a_drive_that_friction_stops_has_no_sensor_that_hung(seed):

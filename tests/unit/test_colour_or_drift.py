@@ -34,6 +34,7 @@ def test_a_ramp_is_a_drift_and_colour_stays_told() -> None:
     assert (first, "noise-model" in found) == ("drift", True)
 
 
+@pytest.mark.slow
 def test_noise_that_forgets_slowly_is_no_drift() -> None:
     assert first_and_all(2, 400, 0.95, 0.0) == ("noise-model", ["noise-model"])
 

@@ -86,6 +86,7 @@ def test_who_asks_for_another_route_gets_it():
     assert "feedback" in [f.code for f in estimate.findings]
 
 
+@pytest.mark.slow
 def test_a_plant_in_the_right_half_plane_is_found_and_said_to_be_one():
     drawn = loops.draw(10)
     assert drawn.poles.real.max() > 0.1
@@ -173,6 +174,7 @@ def test_a_reaction_shows_in_what_the_predictor_leaves():
     assert by_predictor(Inputs.of([gaps]), 0, 0).p_value < 1e-15
 
 
+@pytest.mark.slow
 @pytest.mark.unjudged
 def test_asked_for_open_loop_an_end_that_is_far_likelier_is_told_not_taken():
     held = ThreeModel(route="open-loop").estimate([position_loop(1)], Structure(2, 0))

@@ -74,6 +74,7 @@ def test_jumps_that_do_not_agree_are_no_direct_part() -> None:
     assert follows_at_once(u, -0.3 * u + 0.001 * rng.standard_normal(u.size))
 
 
+@pytest.mark.slow
 def test_an_output_that_follows_at_once_is_not_called_feedback() -> None:
     rng = np.random.default_rng(4)
     force = rng.standard_normal(800)
@@ -175,6 +176,7 @@ def smooth(seed: int, numerator: list[float], n: int = 400) -> Record:
     return Record(u, y + noise, dt=0.05, intersample="auto")
 
 
+@pytest.mark.slow
 def test_a_smooth_input_tells_a_direct_part_as_a_whole() -> None:
     assert has_direct_part([smooth(0, [1.0, 0.0, 0.0])])
     assert not has_direct_part([smooth(0, [9.0])])

@@ -163,6 +163,7 @@ def test_an_error_of_the_estimate_is_not_left_out_for_a_warning_of_the_tests():
     assert joined([grave], [mild]) == (grave,)
 
 
+@pytest.mark.slow
 def test_a_noise_model_that_was_at_hand_and_not_kept_is_no_advice():
     record = wandering(3)
     free = ThreeModel(noise="white")

@@ -70,6 +70,7 @@ def test_the_input_between_the_samples_is_allowed_for(intersample):
     assert np.max(np.abs(measured.response[low, 0, 0] / true - 1.0)) < 0.01
 
 
+@pytest.mark.slow
 def test_inputs_that_are_alike_have_responses_of_their_own():
     rng = np.random.default_rng(5)
     n = 3000

@@ -60,6 +60,7 @@ def test_errors_are_what_is_said_of_them():
 
 
 @pytest.mark.parametrize("kind", ["stable", "integrating", "unstable"])
+@pytest.mark.fast("unstable")
 def test_plants_of_all_kinds_are_found(kind):
     for seed in range(910_000, 910_003):
         drawn = sampled(seed, kind)
@@ -105,10 +106,16 @@ def test_a_plant_on_which_nothing_hangs_is_no_end(rate):
     records = open_loops([Record(u, y, dt=1.0, intersample="zoh")])
     gone = Plant(np.array([rate, 0.7 * rate]), (np.array([0.04 * rate]),))
     assert together(records, [gone]) is None
-    near = Plant(np.array([1.0, 1.0]), (np.array([0.1]),))
+
+
+def test_a_start_that_is_no_end_is_left_out():
+    u, y = np.random.default_rng(3).standard_normal((2, 200))
+    records = open_loops([Record(u, y, dt=1.0, intersample="zoh")])
+    gone, near = (Plant(np.array([rate, rate]), (np.array([rate]),)) for rate in (1e16, 1.0))
     assert together(records, [gone, near]) is not None
 
 
+@pytest.mark.slow
 def test_an_integrator_rests_at_an_input_that_is_not_its_first():
     drawn = sampled(910_030, "integrating")
     moved = Record(drawn.record.u + 3.0, drawn.record.y + 7.0, dt=drawn.record.dt)
@@ -150,6 +157,7 @@ def confident_and_wrong(drawn: loops.Drawn) -> tuple[bool, bool]:
     return bool(wrong), told
 
 
+@pytest.mark.slow
 def test_an_input_that_moves_between_its_samples_is_said_to_decide():
     drawn = continuous(930_001)
     assert drawn.record.intersample == "auto"

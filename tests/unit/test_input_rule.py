@@ -126,6 +126,7 @@ def test_uneven_time_missing_samples_and_few_of_them_tell_nothing():
 
 
 @pytest.mark.parametrize("make", [sampled, continuous])
+@pytest.mark.unjudged
 def test_the_kind_is_taken_by_what_the_input_shows(make):
     """Of a continuous controller in noise that moves, the residual alone speaks for the other."""
     estimate = tri.identify(make(8), tri.Structure(2, 1))

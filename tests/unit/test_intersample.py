@@ -56,6 +56,7 @@ def test_a_swept_sine_tells_in_its_second_half():
     assert estimate.theta == pytest.approx([3e3, 1e6, 1e6], rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_measured_input_stated_as_held_is_told():
     rng = np.random.default_rng(2)
     u, y = elevator(rng)

@@ -64,6 +64,7 @@ def serious(findings):
     return [one.code for one in findings if one.matters]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.fast("1")
 def test_a_coarse_thermometer_in_a_wandering_room_is_not_saturated(seed):
@@ -71,6 +72,7 @@ def test_a_coarse_thermometer_in_a_wandering_room_is_not_saturated(seed):
     assert "saturation" not in serious(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.fast("1")
 def test_a_drive_that_sticks_is_no_sensor_that_hangs(seed):
@@ -80,6 +82,7 @@ def test_a_drive_that_sticks_is_no_sensor_that_hangs(seed):
     assert "stuck-sensor" not in found + serious(advise(record).findings)
 
 
+@pytest.mark.slow
 def test_an_encoder_that_hangs_is_still_told():
     record = drive(1)
     y = record.y.copy()
@@ -114,6 +117,7 @@ def vehicle(seed):
     return Record(u, y, dt=dt, intersample="auto")
 
 
+@pytest.mark.slow
 @pytest.mark.unjudged
 def test_a_late_heater_is_no_further_pole_where_the_order_is_open():
     rng = np.random.default_rng(0)

@@ -47,6 +47,7 @@ def estimated(seed, route):
 SEEDS = [1, *(pytest.param(k, marks=pytest.mark.slow) for k in (2, 3, 4))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_direct_route_is_not_judged_by_a_simulation(seed):
     estimate = estimated(seed, "direct")
@@ -63,6 +64,7 @@ def test_the_direct_route_is_not_judged_by_a_simulation(seed):
 
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("route", ["open-loop", "direct"])
+@pytest.mark.fast("open-loop-1")
 def test_every_fit_and_coefficient_starts_from_what_is_printed(seed, route):
     estimate = estimated(seed, route)
     # an integrator may come out a little beyond, and what is not stable has no residual to test
@@ -78,6 +80,7 @@ def test_every_fit_and_coefficient_starts_from_what_is_printed(seed, route):
                 assert float(before) == pytest.approx(estimate.parameters[name].value, rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [3, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 4))])
 def test_feedback_is_found_though_a_drift_explains_more(seed):
     estimate = estimated(seed, "auto")

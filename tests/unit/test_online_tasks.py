@@ -287,12 +287,15 @@ def fed(method, u, y):
     return method.feed(method.init(ASKED, DT), u[:, None], y[:, None])[0]
 
 
+@pytest.mark.slow
 def test_an_estimator_that_forgets_does_not_keep_its_samples_for_ever():
     """Its newest samples were run against the search of all of them, which always won."""
-    u, y = samples(6, 2600)
-    state = fed(online.ThreeModel(forgetting=0.99), u, y)
+    state = fed(online.ThreeModel(forgetting=0.99), *samples(6, 2600))
     assert len(kept_samples(state)) <= 2100
-    assert fed(online.ThreeModel(forgetting=0.9), u, y).stage.past == ()
+
+
+def test_an_estimator_that_forgets_soon_keeps_none():
+    assert fed(online.ThreeModel(forgetting=0.9), *samples(6, 2600)).stage.past == ()
 
 
 def test_the_clock_asks_for_a_look_that_no_alarm_asked_for_and_nobody_is_told():

@@ -115,6 +115,7 @@ print(len(pictures), len(caught.outputs), "Axes" in caught.stdout, shell.user_ns
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("backend", "inline"), [("Agg", False), ("Agg", True)])
 @pytest.mark.fast("Agg-True")
 def test_a_notebook_shows_the_picture_once_and_no_list(backend, inline):
@@ -346,7 +347,7 @@ QUICKLY = ("online", "plots", "report")
     # a process each; all rooms are opened in the same way
     [pytest.param(r, marks=[] if r in QUICKLY else [pytest.mark.slow]) for r in ROOMS],
 )
-@pytest.mark.fast("plots", "online")
+@pytest.mark.fast("plots")
 def test_a_room_is_there_on_first_use(room):
     assert room in dir(tridentify)
     code = f"import tridentify; print(tridentify.{room}.__name__)"

@@ -100,7 +100,7 @@ CASES = {
 }
 
 
-@pytest.mark.fast("delay grows", "rate limit", "output early", "degrees")
+@pytest.mark.fast("delay grows", "rate limit", "output early")
 @pytest.mark.parametrize("kind", CASES)
 def test_what_the_recording_did_is_named_first(kind):
     made, code, words = CASES[kind]
@@ -119,6 +119,7 @@ def test_the_instant_of_a_changed_unit_is_told():
     assert found.times == pytest.approx((25.0,), abs=2 * DT)
 
 
+@pytest.mark.slow
 def test_the_shift_that_is_advised_mends_an_early_output():
     u, y = with_output_early(np.random.default_rng(13))
     found = identify(Record(u, y, dt=DT), Structure(2, 0)).findings[0]
@@ -139,6 +140,7 @@ def test_right_records_are_none_of_these(seed):
     assert not any(one.matters for one in estimate.findings)
 
 
+@pytest.mark.slow
 def test_noise_with_memory_in_a_short_record_is_no_slow_disturbance():
     told = 0
     for seed in range(8):

@@ -33,6 +33,7 @@ def fits(text):
     return float(found[1]), float(found[2])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("first", "length"), [(200, 120), (40, 300)])
 @pytest.mark.fast("200-120")
 def test_a_sensor_that_hung_is_tried_without_its_samples(first, length):
@@ -54,6 +55,7 @@ def test_a_sensor_that_hung_is_tried_without_its_samples(first, length):
     assert float(to) == pytest.approx(again.parameters[name].value, rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_hang_that_leads_the_estimate_astray_is_tried_from_elsewhere():
     """Levenberg-Marquardt from where such an estimate ended does not find the way back."""
     rng = np.random.default_rng(5)

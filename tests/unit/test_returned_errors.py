@@ -45,6 +45,7 @@ def rooted(record: Record):
     return near, root(begun.loops, STRUCTURE, begun.estimate, near, silent, 12, renewed=True)
 
 
+@pytest.mark.slow
 def test_they_are_what_a_pass_makes_of_moved_coefficients():
     """The passes' own derivative, by a pass from coefficients that are one error off."""
     near, found = rooted(record_of(3))
@@ -126,6 +127,7 @@ def test_errors_are_those_of_the_record_where_the_input_is_mostly_noise():
     assert np.abs(apart_by).max() < 0.03
 
 
+@pytest.mark.slow
 def test_what_the_controller_makes_of_noise_between_samples_colours_the_errors():
     """The colour by one sample of noise in the loop itself; the errors with its whole matrix."""
     _, found = rooted(record_of(6))

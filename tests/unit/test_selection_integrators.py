@@ -86,6 +86,7 @@ def drive(seed: int, bias: float = 0.2) -> Record:
     return Record(voltage, position, dt=0.05, intersample="zoh")
 
 
+@pytest.mark.slow
 def test_a_constant_error_of_the_input_is_no_obstacle_to_a_pole_at_zero():
     found = select_structure(drive(0), [Structure(1, 0), Structure(2, 0)], integrators=True)
     chosen = found.recommended

@@ -39,6 +39,7 @@ def test_it_is_tried_with_its_delay_where_nothing_explains_the_record() -> None:
     assert [one.delay for one in found] == pytest.approx([14 / RATE] * 2)
 
 
+@pytest.mark.slow
 def test_a_delay_alone_is_none() -> None:
     seen = record(2, 400, 9, direct=False)
     assert direct_and_delayed(rows(seen), 1, [seen]) == []

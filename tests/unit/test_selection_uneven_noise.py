@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from tridentify import Record, Structure, identify
 from tridentify.judgement.selection.decide import misleads
@@ -27,6 +28,7 @@ def _entry(colour: float, seed: int, even: bool) -> tuple[Entry, Record]:
     return Entry(STRUCTURE, estimate, residuals=(estimate.residual(record),)), record
 
 
+@pytest.mark.slow
 def test_coloured_noise_at_uneven_times_is_seen() -> None:
     for seed in range(5):
         entry, record = _entry(0.9, seed, even=False)

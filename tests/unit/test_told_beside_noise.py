@@ -42,6 +42,7 @@ def test_a_drift_that_the_noise_model_took_is_named(shape: str, seed: int) -> No
     assert next(one.code for one in estimate.findings if one.matters) == "drift"
 
 
+@pytest.mark.slow
 def test_a_plant_that_changes_is_named_beside_a_long_noise_model() -> None:
     """A furnace that loses a third of its losses: what one model misses looks like slow noise."""
     rng = np.random.default_rng(4)
@@ -59,6 +60,7 @@ def test_a_plant_that_changes_is_named_beside_a_long_noise_model() -> None:
     assert "varying" in [one.code for one in estimate.findings if one.matters]
 
 
+@pytest.mark.slow
 def test_a_poor_fit_beside_a_drift_is_no_missing_response() -> None:
     """The fit is worse than that of a constant, and every coefficient is known to 2 percent."""
     rng = np.random.default_rng(1)

@@ -173,6 +173,7 @@ def test_a_noise_model_does_not_hide_a_missing_pole(record):
     assert validate(coloured, record).findings[0].code == "order-low"
 
 
+@pytest.mark.slow
 def test_a_missing_delay_is_named(record):
     u = record.u[:, 0]
     late = TransferFunction([9.0], [1.0, 1.2, 9.0], delay=0.3)

@@ -25,6 +25,7 @@ def test_four_poles_from_one_sine_are_not_called_right() -> None:
     assert "Nothing speaks against" not in found.verdict
 
 
+@pytest.mark.slow
 def test_an_input_of_another_record_is_not_called_right() -> None:
     rng = np.random.default_rng(4)
     u, other = (np.repeat(rng.standard_normal(N // 20), 20) for _ in range(2))

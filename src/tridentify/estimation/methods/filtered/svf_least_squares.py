@@ -95,7 +95,7 @@ class SvfLeastSquares:
     >>> import numpy as np
     >>> from tridentify import Record, Structure, SvfLeastSquares, TransferFunction
     >>> from tridentify import identify, simulate
-    >>> u = np.sign(np.sin(np.arange(400) ** 1.5))
+    >>> u = np.sign(np.sin(np.arange(100) ** 1.5))
     >>> y = simulate(TransferFunction([2.0], [1.0, 4.0]), Record(u, u, dt=0.01))
     >>> estimate = identify(Record(u, y, dt=0.01), Structure(1, 0), SvfLeastSquares())
     >>> estimate.theta.round(2).tolist()
