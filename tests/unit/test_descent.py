@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from tridentify.estimation.answer.estimate import Step
 from tridentify.estimation.likelihood.cost import evaluate, evaluate_variant
 from tridentify.estimation.likelihood.descent import Descent
 from tridentify.estimation.likelihood.levenberg_marquardt import (
@@ -108,3 +109,26 @@ def test_what_machine_code_does_not_serve_is_left_to_python():
     uneven = experiment(n=50, t=np.arange(50) * DT)
     assert FlatCharts.of([uneven]) is None
     assert FlatCharts.of([experiment(), experiment(free=True)]) is None
+
+
+def test_passes_are_worked_out_when_they_are_asked_for_and_numbered_on():
+    problem = Problem.of([experiment()], 2, ((1,),))
+    point = evaluate(problem, np.array([-0.5, -3.0], dtype=complex))
+    made: list[str] = []
+
+    def steps():
+        made.append("now")
+        return (Step("parallel", np.zeros(1), 0.0, 1.0),)
+
+    first, second = Recorder(), Recorder()
+    second.add(point, steps, np.nan, "second")
+    first.add(point, steps, np.nan, "first")
+    first.extend(second)
+    first.add(point, steps, np.nan, "third")
+    assert not made
+    assert [(one.number, one.note) for one in first.passes] == [
+        (1, "first"), (2, "second"), (3, "third"),
+    ]  # fmt: skip
+    first.extend(Recorder(first.passes[:1]))
+    assert [one.number for one in first.passes] == [1, 2, 3, 4]
+    assert len(made) == 3

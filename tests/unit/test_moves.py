@@ -5,12 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tridentify import Record, TransferFunction, simulate
+from tridentify import Record, Structure, TransferFunction, simulate
 from tridentify.estimation.likelihood.cost import evaluate_variant
 from tridentify.estimation.likelihood.levenberg_marquardt import Recorder, finish
+from tridentify.estimation.likelihood.nuisance import build_base, candidates
 from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.search import following
 from tridentify.estimation.search.band import rate_limits
 from tridentify.estimation.search.one_mode_moved import FARTHER, moved_poles, place_costs
+from tridentify.estimation.search.search import RecordSearch
+from tridentify.estimation.search.starts import enriched_starts
 from tridentify.models.regression import Experiment
 from tridentify.numerics.realization import sort_poles
 
@@ -209,3 +213,41 @@ def test_at_the_right_end_no_place_is_better():
     base = weak_resonance(1, False)
     end = settler(base)(TRUE)
     assert moved_poles(base, kept_terms(base), end.poles)[0].objective > end.objective
+
+
+def too_low(seed):
+    """A record of two or three poles, for a model of one."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.standard_normal(60), 5)
+    slow, fast = -np.exp(rng.uniform(-1.0, 0.0)), -np.exp(rng.uniform(0.5, 1.5))
+    plants = ([slow, fast], [slow, fast, 2.0 * fast], [fast * (0.4 + 0.9j), fast * (0.4 - 0.9j)])
+    den = np.real(np.poly(plants[seed % 3]))
+    y = simulate(TransferFunction([den[-1]], den), Record(u, u, dt=DT))[:, 0]
+    return Record(u, y + 0.05 * y.std() * rng.standard_normal(u.size), dt=DT)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_one_pole_ends_where_no_other_place_of_the_band_is_lower(seed):
+    record, structure = too_low(seed), Structure(1, 0, offset=False, initial_state="rest")
+    base, variants = build_base([record], structure, candidates([record], structure))
+    worker = RecordSearch(4)
+    worker.run(base, variants)
+    end = evaluate_variant(base, variants[0], worker.seeds[-1]).objective
+    places = -np.geomspace(*rate_limits(base), 300).astype(complex)
+    others = [evaluate_variant(base, variants[0], place[None]).objective for place in places]
+    assert end <= min(others) + 1e-3
+
+
+@pytest.mark.parametrize("orders", [(2, 0), (3, 0), (4, 0)])
+def test_no_place_is_asked_twice_what_it_misses(orders, monkeypatch):
+    asked: list[tuple[int, bytes]] = []
+
+    def told(base, variant, poles):
+        asked.append((id(variant), poles.tobytes()))
+        return enriched_starts(base, variant, poles)
+
+    monkeypatch.setattr(following, "enriched_starts", told)
+    record = Record(too_low(2).u, too_low(1).y, dt=DT)  # no model of any order explains it
+    structure = Structure(*orders, offset=False, initial_state="rest")
+    RecordSearch(4).run(*build_base([record], structure, candidates([record], structure)))
+    assert len(asked) == len(set(asked)) > 0

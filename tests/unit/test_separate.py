@@ -12,11 +12,12 @@ from tridentify.estimation.likelihood.levenberg_marquardt import Recorder, coeff
 from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.search.band import relocated_poles
 from tridentify.estimation.search.one_mode_moved import moved_poles, place_costs
-from tridentify.estimation.search.passes import adapt, parallel_model, series_model
+from tridentify.estimation.search.passes import adapting, parallel_model, series_model
 from tridentify.estimation.search.starts import laguerre_starts
 from tridentify.models.regression import Experiment
 from tridentify.models.series_parallel import Filtering, fit_denominators
 from tridentify.numerics.realization import denominator, roots_of, sort_poles
+from tridentify.numerics.slices import drain
 
 DT = 0.05
 ORDERS = ((1, 2), (3, 2))
@@ -203,7 +204,7 @@ def test_passes_reach_the_truth_from_a_start():
         ),
         key=lambda point: point.objective,
     )
-    ended = adapt(base, variant, best.poles, Recorder(), 30)
+    ended = drain(adapting(base, variant, best.poles, Recorder(), 30))
     assert ended.objective < best.objective
 
 

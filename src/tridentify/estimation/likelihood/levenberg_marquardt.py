@@ -85,17 +85,12 @@ class Recorder:
         self, point: Point, steps: Callable[[], tuple[Step, ...]], beta_distance: float, note: str
     ) -> None:
         """Add one pass."""
-        self._awaited.append(
-            lambda number: Pass(
-                number,
-                steps(),
-                coefficients(point),
-                mean_square(point),
-                beta_distance,
-                point.gradient,
-                note,
-            )
-        )
+
+        def made(number: int) -> Pass:
+            theta, square = coefficients(point), mean_square(point)
+            return Pass(number, steps(), theta, square, beta_distance, point.gradient, note)
+
+        self._awaited.append(made)
 
     def follow(self, taken: Sequence[Taken], end: Point) -> None:
         """Add the steps of machine code that led to a point."""
@@ -103,21 +98,16 @@ class Recorder:
 
     def extend(self, other: Recorder) -> None:
         """Append another's passes, numbered on."""
-        self._awaited += [partial(_renumbered, one) for one in other._made]
-        self._awaited += other._awaited
+        known = [lambda number, one=one: replace(one, number=number) for one in other._made]
+        self._awaited += known + other._awaited
 
 
 def _pass_of(one: Taken, problem: Problem, counts: Array, number: int) -> Pass:
-    lower = one.theta[problem.denominator_places()]
-    cost = float(one.rss.sum() / counts.sum())
+    lower, cost = one.theta[problem.denominator_places()], float(one.rss.sum() / counts.sum())
     note = f"damping {one.damping:.1e}" if one.damping else ""
     step = Step("output error", lower, cost, one.condition, note)
     square = _mean_square(one.rss, counts)
     return Pass(number, (step,), one.theta, square, np.nan, one.gradient, one.note)
-
-
-def _renumbered(one: Pass, number: int) -> Pass:
-    return replace(one, number=number)
 
 
 def coefficients(point: Point) -> Array:

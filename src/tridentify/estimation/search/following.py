@@ -215,8 +215,8 @@ class Search:
                 reachable = enriched[0].criterion + ALLOWANCE
                 if criterion(best) < reachable:
                     return SearchEnd(base, best, variant, reachable, True)
-                # one pole is looked for along the whole band later (`moving`)
-                if base.n_poles == 1:
+                # one pole is looked for along the whole band by `moving`
+                if base.n_poles == 1 and explained(best) >= WORTHWHILE:
                     break
                 if self.near is not None and self.whitened_later and leaves_coloured_noise(best):
                     break

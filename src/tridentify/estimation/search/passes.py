@@ -26,16 +26,16 @@ from tridentify.models.parallel import ParallelFit, fit_parallel
 from tridentify.models.series import SeriesFit, fit_series
 from tridentify.numerics.arrays import Complex
 from tridentify.numerics.realization import roots_of
-from tridentify.numerics.slices import Slices, drain
+from tridentify.numerics.slices import Slices
 
 MOST_ADAPTED = 12
 """Most adapted passes: steps on the cost do the rest."""
 
 
-def adapt(
+def adapting(
     base: Problem, variant: Variant, poles: Complex, recorder: Recorder, most: int = MOST_ADAPTED
-) -> Point:
-    """Adapted passes from given poles; the best point met.
+) -> Slices[Point]:
+    """Adapted passes from given poles; the best point met. In slices, two a pass.
 
     Parameters
     ----------
@@ -50,13 +50,6 @@ def adapt(
     most : int
         Most passes.
     """
-    return drain(adapting(base, variant, poles, recorder, most))
-
-
-def adapting(
-    base: Problem, variant: Variant, poles: Complex, recorder: Recorder, most: int = MOST_ADAPTED
-) -> Slices[Point]:
-    """`adapt` in slices, two a pass."""
     best: Point | None = None
     worse = 0
     note = ""
@@ -116,25 +109,13 @@ def both_steps(point: Point) -> tuple[Callable[[], tuple[Step, ...]], Complex]:
 
     def steps() -> tuple[Step, ...]:
         samples, used = float(point.counts.sum()), problem.split(bank.poles)
-        twice = np.concatenate([np.tile(one, 2) for one in used])
+        share, twice = float(costs.sum()) / samples, [np.tile(one, 2) for one in used]
+        what = f"{beta.shape[2]} orthonormal functions on the poles of a, twice each"
+        operators, filters = pairs(np.concatenate(twice)), pairs(bank.poles)
+        found, through = problem.joined(poles, numerators), "filter 1/a of the pass before"
         return (
-            Step(
-                "parallel",
-                beta.ravel(),
-                float(costs.sum()) / samples,
-                condition,
-                f"{beta.shape[2]} orthonormal functions on the poles of a, twice each",
-                "orthonormal",
-                pairs(twice),
-            ),
-            Step(
-                "series-parallel",
-                problem.joined(poles, numerators),
-                cost / samples,
-                own,
-                "filter 1/a of the pass before",
-                poles=pairs(bank.poles),
-            ),
+            Step("parallel", beta.ravel(), share, condition, what, "orthonormal", operators),
+            Step("series-parallel", found, cost / samples, own, through, poles=filters),
         )
 
     return steps, poles
