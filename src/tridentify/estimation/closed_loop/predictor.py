@@ -24,14 +24,15 @@ Ljung, *System Identification*, 2nd ed., problem 4G.6 (1999), on the mirrored pr
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import scipy.linalg
 
 from tridentify.estimation.closed_loop.between_samples import Loop
 from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.exponential import exponentials
 from tridentify.numerics.interpolation import drive
 
 STEP = 1e-5
@@ -137,22 +138,154 @@ def _split(loop: Loop, u: Array) -> tuple[Array, Array]:
 
 
 @dataclass(frozen=True, eq=False)
-class Predictor:
-    """Equation (1) for one plant and one sampling interval.
+class Predictors:
+    """Equation (1) for several plants of the same orders and one sampling interval.
 
     Attributes
     ----------
-    plant : Plant
+    plants : tuple of Plant
     dt : float
         [s].
     slowest : float
-        Slowest decay of the predictor [rad/s].
+        Slowest decay of the predictors [rad/s].
     fed_back : bool
         Without it ``K`` is zero and ``e`` the output's error itself, which grows where the plant
         does: of use in open loop alone, where the record grows alike.
     held : (n,) complex array, optional
-        Poles of the predictor, whatever the plant [rad/s].
+        Poles of the predictors, whatever the plant [rad/s].
     """
+
+    plants: tuple[Plant, ...]
+    dt: float
+    slowest: float
+    fed_back: bool = True
+    held: Complex | None = None
+
+    @cached_property
+    def poles(self) -> Complex:
+        """(n_plants, n) complex array [rad/s]."""
+        if len(self.plants) == 1:
+            return self.plants[0].poles[None, :]
+        count, n = len(self.plants), self.plants[0].a.size
+        companion = np.zeros((count, n, n))
+        companion[:, 0] = [-one.a for one in self.plants]
+        companion[:, 1:, :-1] = np.eye(n - 1)
+        return np.linalg.eigvals(companion).astype(np.complex128)
+
+    @cached_property
+    def _observer(self) -> tuple[Array, Array, Array, Array]:
+        """State matrices (s, n, n), (s, n, m), direct parts (s, m), and units of the states."""
+        a = np.stack([one.a for one in self.plants])
+        count, n = a.shape
+        rates = np.maximum(np.max(np.abs(self.poles), axis=1), self.slowest)[:, None]
+        # time in units of 1 / rate: the states are of one size
+        powers = rates ** np.arange(1.0, n + 1)
+        matrix = np.zeros((count, n, n))
+        matrix[:, :-1, 1:] = np.eye(n - 1)
+        matrix[:, :, 0] = -a / powers
+        numerators = [np.stack(own) for own in zip(*(one.b for one in self.plants), strict=True)]
+        direct = np.zeros((count, len(numerators)))
+        b = np.zeros((count, n, len(numerators)))
+        for j, one in enumerate(numerators):
+            if one.shape[1] > n:
+                direct[:, j] = one[:, 0]
+            proper = one[:, -n:]
+            b[:, n - proper.shape[1] :, j] = proper
+            b[:, :, j] -= direct[:, j, None] * a
+        scaled = rates[:, :, None] * b / powers[:, :, None]
+        return rates[:, :, None] * matrix, scaled, direct, powers
+
+    def _discrete(self, step: float) -> tuple[Array, Array, Array]:
+        """``exp(A step)``, what a held input makes of the states, and ``exp(A step) - 1``."""
+        a, b, _, _ = self._observer
+        count, n, _ = a.shape
+        block = np.zeros((count, 2 * n, 2 * n))
+        block[:, :n, :n], block[:, :n, n:] = a * step, np.eye(n)
+        whole = exponentials(block)
+        integral = whole[:, :n, n:]
+        return whole[:, :n, :n], integral @ (b * step), (a * step) @ integral
+
+    @cached_property
+    def _sampled(self) -> tuple[Array, Array, Array]:
+        return self._discrete(self.dt)
+
+    @property
+    def mirrored(self) -> Complex:
+        """(n_plants, n) complex poles of the predictors [rad/s]."""
+        if self.held is not None:
+            return np.broadcast_to(self.held, self.poles.shape)
+        real = -np.maximum(np.abs(self.poles.real), self.slowest)
+        return np.asarray(real + 1j * self.poles.imag)
+
+    @cached_property
+    def gains(self) -> Array:
+        """(n_plants, n) ``K``, by Ackermann's formula on the observer form.
+
+        In powers of ``z - 1``: slow poles and fast samples crowd around one, and in powers of ``z``
+        nothing of them would be left but rounding.
+        """
+        count, n = self.poles.shape
+        found = np.zeros((count, n))
+        decays = np.all(self.poles.real <= -self.slowest, axis=1) & (self.held is None)
+        fed = np.flatnonzero(~decays) if self.fed_back else np.zeros(0, dtype=np.intp)
+        if not fed.size:
+            return found
+        wanted = np.ones((fed.size, 1), dtype=np.complex128)
+        for root in np.expm1(self.mirrored[fed] * self.dt).T:
+            wanted = np.pad(wanted, ((0, 0), (0, 1))) - np.pad(
+                wanted * root[:, None], ((0, 0), (1, 0))
+            )
+        step = self._sampled[2][fed]
+        value, power, rows = np.zeros_like(step), np.broadcast_to(np.eye(n), step.shape), []
+        for k in range(n + 1):
+            value = value + wanted.real[:, n - k, None, None] * power
+            if k < n:
+                rows.append(power[:, 0])
+            power = power @ step
+        last = np.broadcast_to(np.eye(n)[:, -1:], (fed.size, n, 1))
+        found[fed] = (value @ np.linalg.solve(np.stack(rows, axis=1), last))[:, :, 0]
+        return found
+
+    @cached_property
+    def closed(self) -> Array:
+        """(n_plants, n, n) ``A - K C``."""
+        found = self._sampled[0].copy()
+        found[:, :, 0] -= self.gains
+        return found
+
+    @property
+    def units(self) -> Array:
+        """(n_plants, n) of the states."""
+        return self._observer[3]
+
+    def errors(self, signals: Signals, starts: Array | None = None) -> Array:
+        """(n_plants, n_samples) ``e``, from rest or from starts: initial state, then the offset."""
+        _, b, _ = self._sampled
+        direct = self._observer[2]
+        inputs, through = b @ signals.u.T, direct @ signals.u.T
+        if signals.pieces:
+            af, step, _ = self._discrete(self.dt / signals.pieces)
+            blocks = signals.fine.reshape(len(signals.u), signals.pieces, -1)
+            for k in range(signals.pieces - 1, -1, -1):
+                inputs = inputs + step @ blocks[:, k].T
+                step = af @ step
+            through = through + direct @ blocks[:, 0].T
+        offsets = 0.0 if starts is None else starts[:, -1:]
+        left = signals.y - offsets - through
+        inputs = inputs + self.gains[:, :, None] * left[:, None, :]
+        count, n, samples = inputs.shape
+        first = np.zeros((count, n)) if starts is None else np.array(starts[:, :-1], dtype=float)
+        states = np.empty((n, samples))
+        found = np.empty_like(left)
+        for k in range(count):
+            drive(self.closed[k], n - 1, inputs[k], first[k], states)
+            found[k] = left[k] - states[0]
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Predictor:
+    """Equation (1) for one plant and one sampling interval; attributes as of `Predictors`."""
 
     plant: Plant
     dt: float
@@ -160,114 +293,42 @@ class Predictor:
     fed_back: bool = True
     held: Complex | None = None
 
-    @cached_property
-    def _continuous(self) -> tuple[Array, Array, Array, Array]:
-        n = self.plant.a.size
-        rate = max(float(np.max(np.abs(self.plant.poles))), self.slowest)
-        # time in units of 1 / rate: the states are of one size
-        powers = rate ** np.arange(1.0, n + 1)
-        a = np.zeros((n, n))
-        a[:-1, 1:] = np.eye(n - 1)
-        a[:, 0] = -self.plant.a / powers
-        direct = np.array([one[0] if one.size > n else 0.0 for one in self.plant.b])
-        b = np.zeros((n, len(self.plant.b)))
-        for j, one in enumerate(self.plant.b):
-            proper = np.pad(one[-n:], (max(n - one.size, 0), 0)) - direct[j] * self.plant.a
-            b[:, j] = proper / powers
-        return rate * a, rate * b, direct, powers
-
-    def _discrete(self, step: float) -> tuple[Array, Array]:
-        a, b, _, _ = self._continuous
-        n, m = b.shape
-        block = np.zeros((n + m, n + m))
-        block[:n, :n], block[:n, n:] = a * step, b * step
-        whole = scipy.linalg.expm(block)
-        return whole[:n, :n], whole[:n, n:]
+    def of(self, plants: Sequence[Plant]) -> Predictors:
+        """The same of other plants."""
+        return Predictors(tuple(plants), self.dt, self.slowest, self.fed_back, self.held)
 
     @cached_property
-    def _sampled(self) -> tuple[Array, Array]:
-        return self._discrete(self.dt)
+    def _alone(self) -> Predictors:
+        return self.of([self.plant])
 
     @property
     def mirrored(self) -> Complex:
         """(n,) complex poles of the predictor [rad/s]."""
-        if self.held is not None:
-            return self.held
-        poles = self.plant.poles
-        return np.asarray(-np.maximum(np.abs(poles.real), self.slowest) + 1j * poles.imag)
-
-    @cached_property
-    def gain(self) -> Array:
-        """(n,) ``K``, by Ackermann's formula on the observer form.
-
-        In powers of ``z - 1``: slow poles and fast samples crowd around one, and in powers of ``z``
-        nothing of them would be left but rounding.
-        """
-        n = self.plant.a.size
-        decays = self.held is None and np.all(self.plant.poles.real <= -self.slowest)
-        if not self.fed_back or decays:
-            return np.zeros(n)
-        wanted = np.real(np.poly(np.expm1(self.mirrored * self.dt)))
-        step = self._less_one
-        value, power, rows = np.zeros((n, n)), np.eye(n), []
-        for k in range(n + 1):
-            value += wanted[n - k] * power
-            if k < n:
-                rows.append(power[0])
-            power = power @ step
-        return np.asarray(value @ np.linalg.solve(np.array(rows), np.eye(n)[:, -1]))
-
-    @property
-    def _less_one(self) -> Array:
-        """``exp(A dt) - 1``, as the integral of ``A exp(A t)``."""
-        a, n = self._continuous[0] * self.dt, self.plant.a.size
-        block = np.zeros((2 * n, 2 * n))
-        block[:n, :n], block[:n, n:] = a, np.eye(n)
-        return np.asarray(a @ scipy.linalg.expm(block)[:n, n:])
+        found: Complex = self._alone.mirrored[0]
+        return found
 
     def errors(self, signals: Signals, start: Array | None = None) -> Array:
         """(n_samples,) ``e``, from rest or from a start: the initial state, then the offset."""
-        a, b = self._sampled
-        direct, n = self._continuous[2], self.plant.a.size
-        inputs = b @ signals.u.T
-        through = signals.u @ direct
-        if signals.pieces:
-            af, bf = self._discrete(self.dt / signals.pieces)
-            blocks = signals.fine.reshape(len(signals.u), signals.pieces, -1)
-            step = bf
-            for k in range(signals.pieces - 1, -1, -1):
-                inputs = inputs + step @ blocks[:, k].T
-                step = af @ step
-            through = through + blocks[:, 0] @ direct
-        left = signals.y - through if start is None else signals.y - start[-1] - through
-        inputs = inputs + np.outer(self.gain, left)
-        closed = a.copy()
-        closed[:, 0] -= self.gain
-        states = np.empty((n, len(left)))
-        first = np.zeros(n) if start is None else np.array(start[:-1], dtype=np.float64)
-        drive(np.ascontiguousarray(closed), n - 1, inputs, first, states)
-        return np.asarray(left - states[0])
+        found: Array = self._alone.errors(signals, None if start is None else start[None, :])[0]
+        return found
 
     def starts(self, count: int) -> Array:
         """(count, n + 1) minus the derivatives of ``e`` by the initial state and the offset."""
-        a, n = self._sampled[0], self.plant.a.size
-        closed = a.copy()
-        closed[:, 0] -= self.gain
-        found = np.empty((count, n + 1))
-        states = np.empty((n, count))
-        fed = np.outer(self.gain, np.ones(count))
-        drive(np.ascontiguousarray(closed), n - 1, fed, np.zeros(n), states)
+        closed, gain, n = self._alone.closed[0], self._alone.gains[0], self.plant.a.size
+        found, states = np.empty((count, n + 1)), np.empty((n, count))
+        fed = np.outer(gain, np.ones(count))
+        drive(closed, n - 1, fed, np.zeros(n), states)
         found[:, n] = 1.0 - states[0]
         for k in range(n):
-            states = np.empty((n, count))
-            drive(np.ascontiguousarray(closed), n - 1, np.zeros((n, count)), np.eye(n)[k], states)
+            drive(closed, n - 1, np.zeros((n, count)), np.eye(n)[k], states)
             found[:, k] = states[0]
         return found
 
     @property
     def start_numerators(self) -> Array:
         """(n,) numerators of the free response over those states."""
-        return self._continuous[3] / float(self._continuous[3][0]) * 1.0
+        units = self._alone.units[0]
+        return np.asarray(units / float(units[0]))
 
     @property
     def amplification(self) -> float:
@@ -289,20 +350,15 @@ def slopes(predictor: Predictor, signals: Signals, start: Array) -> Array:
         Initial state, in units of the plant's own, and offset, which are held.
     """
     plant = predictor.plant
-    physical = np.append(start[:-1] * predictor.start_numerators, 0.0)
+    physical = start[:-1] * predictor.start_numerators
     theta, scale = plant.theta, plant.scale
     # of poles that are slower than the record no more is seen than of those that are as slow
     sizes = np.maximum(np.abs(plant.poles), predictor.slowest)
     scale[: sizes.size] = np.poly(-sizes)[1:]
-    found = np.empty((len(signals.u), theta.size))
-    for k in range(theta.size):
-        step = np.zeros(theta.size)
-        step[k] = STEP * scale[k]
-        both = []
-        for moved in (theta + step, theta - step):
-            one = replace(predictor, plant=plant.with_theta(moved))
-            own = physical / np.append(one.start_numerators, 1.0)
-            own[-1] = start[-1]
-            both.append(one.errors(signals, own))
-        found[:, k] = (both[1] - both[0]) / (2.0 * step[k])
-    return found
+    steps = STEP * np.diag(scale)
+    moved = predictor.of([plant.with_theta(theta + one) for one in (*steps, *-steps)])
+    own = physical * moved.units[:, :1] / moved.units
+    up, down = np.split(
+        moved.errors(signals, np.column_stack([own, np.full(len(own), start[-1])])), 2
+    )
+    return np.asarray((down - up).T / (2.0 * STEP * scale))
