@@ -201,7 +201,7 @@ def _by_pieces(present: Present, knots: Array) -> Rival | None:
         return None
     thirds = np.array_split(_at(own, knots, record) + steps, 3)
     means = ", ".join(f"{part.mean() * present.step:.3g}" for part in thirds)
-    low, high = (float(f(own + steps)) * present.step for f in (np.min, np.max))
+    low, high = (round(float(f(own + steps)), 9) * present.step for f in (np.min, np.max))
     what = (
         f"a delay that varies between {low:.3g} and {high:.3g} s (on the mean {means} s in the "
         "thirds of the record)"
