@@ -411,8 +411,9 @@ def _of_delay(seen: DelaySeen) -> Finding:
         "note",
         f"{seen.output} answers {seen.input} after {seen.text}: a delay, or several fast lags in "
         "series.",
-        f"State a delay that is known (delay={seen.value:.3g}); else compare orders, with delays "
-        "among them (select_structure; tridentify select): lags in series are poles.",
+        "State a delay that is known; else compare orders, with delays among them "
+        "(select_structure; tridentify select): lags in series are poles, and a delay that is "
+        "estimated beside the right ones (delay='free'; --delay free) is the better number.",
         (seen.output,),
         effect=f"-2 log L is {seen.fall:.3g} lower than without.",
     )
