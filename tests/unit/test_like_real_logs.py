@@ -206,3 +206,19 @@ def test_commands_that_pass_a_network_each_later_or_earlier_are_no_bad_samples(s
     found = identify(record, Structure(2, 0, delay="free"), throw=False).findings
     assert found[0].code == "varying"
     assert "a delay of each move of the input of its own" in found[0].message
+
+
+def test_a_heater_that_is_switched_beside_the_weather_is_held():
+    rng = np.random.default_rng(81)
+    n, fine = 400, 10
+    heater = np.repeat(rng.choice([0.0, 6.0], n // 4), 4)
+    weather = 5.0 * np.sin(2.0 * np.pi * np.arange(n) / 288.0)
+    acted = np.stack([np.repeat(heater, fine), np.repeat(weather, fine)], axis=1)
+    room = TransferFunction([[[0.4], [0.1]]], [[[1.0, 0.1], [1.0, 0.1]]])
+    y = simulate(room, Record(acted, acted[:, 0], dt=1.0 / fine))[::fine, 0]
+    y = y + 0.02 * rng.standard_normal(n)
+    record = Record(np.stack([heater, weather], axis=1), y, dt=1.0, intersample="auto")
+    assert record.behaviour == "zoh"
+    estimate = identify(record, Structure(1, 0), throw=False)
+    assert estimate.intersample == "zoh"
+    assert estimate.parameters["a0"].value == pytest.approx(0.1, rel=0.05)

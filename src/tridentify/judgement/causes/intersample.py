@@ -25,7 +25,7 @@ from tridentify.judgement.causes.revisit import (
     without_outliers,
 )
 from tridentify.numerics.interpolation import FEWEST
-from tridentify.record.checks.samples import Behaviour
+from tridentify.record.checks.samples import Behaviour, is_switched
 from tridentify.record.record import Record
 
 BEHAVIOURS: tuple[Behaviour, ...] = ("zoh", "foh", "band-limited")
@@ -98,8 +98,7 @@ class Behaviours:
     attempts : dict of str to Attempt
         Those that were fitted; the present one among them where any was.
     staircase : bool
-        Whether an input repeats its values at most samples: one that is switched or commanded
-        loses more where it is joined by lines than a smooth one beside it where it is held.
+        Whether the inputs repeat their values at most samples, or one is switched.
     count : int
         Samples of all outputs.
     stated : bool
@@ -176,7 +175,7 @@ def behaviours(estimate: Estimate, records: Sequence[Record]) -> Behaviours | No
     try:
         point = point_of(estimate, looked_at, stated(estimate))
         problem, poles, here = point.problem, point.poles, _promised(point)
-        steps = any(is_staircase(looked_at, name) for name in looked_at[0].input_names)
+        steps = is_staircase(looked_at) or any(is_switched(record.u) for record in looked_at)
         above: dict[Behaviour, float] = {first: 0.0}
         for behaviour in BEHAVIOURS:
             limited = behaviour == "band-limited"
@@ -218,19 +217,16 @@ def better_behaviour(found: Behaviours, suggested: Behaviour) -> Behaviour:
     return best if clear else suggested
 
 
-def is_staircase(records: Sequence[Record], name: str | None = None) -> bool:
-    """Whether the inputs, or the one called so, repeat their values exactly at most samples.
-
-    One that never moves tells nothing of how the others do.
+def is_staircase(records: Sequence[Record]) -> bool:
+    """Whether the inputs repeat their values exactly at most samples.
 
     Examples
     --------
     >>> is_staircase([Record([0, 1, 1, 1, 1], np.zeros(5), dt=1.0)])
     True
     """
-    asked = [record if name is None else record.select(inputs=[name]) for record in records]
-    moved = np.concatenate([np.any(np.diff(one.u, axis=0) != 0.0, axis=1) for one in asked])
-    return float(np.mean(moved)) < REPEATS and (name is None or bool(moved.any()))
+    moved = [np.any(np.diff(record.u, axis=0) != 0.0, axis=1) for record in records]
+    return float(np.mean(np.concatenate(moved))) < REPEATS
 
 
 def intersample_findings(estimate: Estimate, found: Behaviours) -> list[Finding]:
