@@ -12,11 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from tridentify.errors import TridentifyError
-from tridentify.judgement.causes.attempt import Attempt, attempt
-from tridentify.judgement.causes.delay import FEW_STEPS
+from tridentify.judgement.causes.attempt import Attempt
 from tridentify.judgement.causes.present import Present
 from tridentify.judgement.causes.rivals import LONG_ENOUGH, Rival, one
+from tridentify.judgement.causes.timing import quickly_fitted
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import whiten
 
@@ -51,7 +50,7 @@ def _moving(present: Present, knots: int) -> tuple[float, Rival] | None:
     (record,) = present.records
     places = np.linspace(0.0, record.n_samples - 1.0, knots)
     hats = np.stack([np.interp(np.arange(record.n_samples), places, row) for row in np.eye(knots)])
-    gains, part, end = np.ones(knots), present, _ended(present, present)
+    gains, part, end = np.ones(knots), present, quickly_fitted(present, present.poles)
     for _ in range(ROUNDS):
         if end is None:
             return None
@@ -62,7 +61,7 @@ def _moving(present: Present, knots: int) -> tuple[float, Rival] | None:
         about = record.u.mean(axis=0)
         u = about + (gains @ hats)[:, None] * (record.u - about)
         part = replace(present, records=(record._derive(u=u),))
-        end = _ended(part, replace(present, poles=end.point.poles))
+        end = quickly_fitted(part, end.point.poles)
     if end is None:
         return None
     price = 2.0 * (knots - 1.0 + float(np.log(len(KNOTS))))
@@ -81,14 +80,6 @@ def _moving(present: Present, knots: int) -> tuple[float, Rival] | None:
         refits=False,
     )
     return end.deviance + price, replace(found, starts=((end.point.poles,),), price=price)
-
-
-def _ended(part: Present, present: Present) -> Attempt | None:
-    try:
-        problem = part.problem()
-        return attempt(problem, [present.poles], part.orders, steps=FEW_STEPS, rounds=0)
-    except TridentifyError:
-        return None
 
 
 def _share(end: Attempt, part: Present, hats: Array) -> Array:
