@@ -91,6 +91,23 @@ def test_the_step_of_the_model_serves_files_of_its_columns_without_time(
     assert "--dt" in " ".join(named.error_lines)
 
 
+def test_time_that_the_model_was_identified_by_is_found_again_by_its_steps(
+    run, write_table, held, folder
+):
+    rng = np.random.default_rng(7)
+    u = 0.05 * np.repeat(rng.choice([-1.0, 1.0], 30), 15)
+    y = held([2.0, 3.0], u) + 1e-3 * rng.standard_normal(u.size)
+    clock = 3000.0 + 20.0 * np.arange(u.size)
+    count = np.arange(u.size)  # rises as well, by other steps
+    columns = {"no": count, "Test Clock (ms)": clock, "elevator": u, "q": y}
+    path = write_table("named.csv", columns)
+    record = read_record(path, time="Test Clock", inputs=["elevator"], outputs=["q"])
+    identify(record, Structure(2, 1), ThreeModel(noise="white")).save(folder / "named.json")
+    outcome = run("validate", folder / "named.json", path, "--json")
+    assert json.loads(outcome.out)["own"] is True
+    assert "column 'Test Clock (ms)' as time, by its steps of 0.02 s" in outcome.err
+
+
 def test_the_folder_gets_the_figure_and_the_numbers(run, flight, models, tmp_path):
     outcome = run("validate", models / "right.json", flight, "--out", tmp_path / "v", "--json")
     files = sorted(path.name for path in (tmp_path / "v").iterdir())

@@ -178,6 +178,25 @@ def test_a_noise_model_that_was_at_hand_and_not_kept_is_no_advice():
     assert not any("noise='ar'" in one.text or "a noise model" in one.text for one in found)
 
 
+def test_a_noise_model_that_was_tried_and_declined_is_no_advice_for_colour():
+    u = held(8)
+    y = simulate(PLANT, Record(u, u, dt=DT))[:, 0]
+    y = y + 0.1 * lfilter([1.0], [1.0, -0.8], np.random.default_rng(8).standard_normal(N))
+    record = Record(u, y, dt=DT)
+    estimate = identify(record, Structure(2, 0), ThreeModel(noise="white"), throw=False)
+
+    def advice(of):
+        found = validate(of, record).findings
+        return next(one.remedy for one in found if one.code == "noise-model")
+
+    assert "noise='ar'" in advice(estimate)
+    why = "on whitened samples there was no usable minimum"
+    decisions = (*estimate.trace.decisions, f"noise taken as white: {why}")
+    kept = replace(estimate, trace=replace(estimate.trace, decisions=decisions))
+    assert "noise='ar'" not in advice(kept)
+    assert why in advice(kept)
+
+
 def wandering(seed):
     u = held(seed)
     slow = 0.4 * np.cos(2.0 * np.pi * 1.3 * np.arange(N) / N + 1.0)

@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from tridentify import Record, Structure, TransferFunction, advise, identify, simulate
+from tridentify import (
+    Record,
+    Structure,
+    TransferFunction,
+    advise,
+    identify,
+    simulate,
+    validate,
+)
 
 FINE = 10
 """Steps of the simulation a sample."""
@@ -137,3 +145,84 @@ def test_a_late_sensor_is_no_further_pole_where_the_order_is_open():
     # what a smooth input does between its samples is worth half of one, 10 ms
     assert found.parameters["delay"].value == pytest.approx(0.045, abs=0.012)
     assert found.theta[:4] == pytest.approx([8.4, 49.0, 36.75, 245.0], rel=0.05)
+
+
+def moved_by(levels, seed, n=800):
+    """An input that is held for 8 to 34 samples."""
+    rng = np.random.default_rng(seed)
+    u = [np.repeat(rng.choice(levels), rng.integers(8, 35)) for _ in range(n // 8)]
+    return np.concatenate(u)[:n], rng
+
+
+def answered(acted, recorded, rng, name="y"):
+    """What a damped mode answers to what acted, beside what was recorded."""
+    plant = TransferFunction([15.0], [1.0, 3.0, 10.0])
+    y = simulate(plant, Record(acted, np.zeros(acted.size), dt=0.05))[:, 0]
+    y = y + 0.03 * y.std() * rng.standard_normal(y.size)
+    return Record(recorded, y, dt=0.05, intersample="auto", output_names=[name])
+
+
+@pytest.mark.parametrize("seed", [41, 42])
+@pytest.mark.fast("41")
+def test_a_gain_that_moves_with_the_speed_is_no_sensor_that_changed(seed):
+    u, rng = moved_by(np.linspace(-1.0, 1.0, 9), seed)
+    turns, begins = rng.uniform(0.7, 1.2), rng.uniform(0.0, 6.0)
+    gain = 1.0 + 0.25 * np.sin(2.0 * np.pi * turns * np.linspace(0.0, 1.0, u.size) + begins)
+    (first, *_) = identify(answered(gain * u, u, rng), Structure(2, 0), throw=False).findings
+    assert first.code == "varying"
+    assert "a gain that moves over the record" in first.message
+
+
+@pytest.mark.parametrize("seed", [51, 52])
+@pytest.mark.fast("51")
+def test_a_limit_between_two_levels_of_a_command_is_told(seed):
+    u, rng = moved_by(np.array([-12.0, -6.0, 0.0, 6.0, 12.0, 30.0]), seed)
+    record = answered(np.minimum(u, 24.0), u, rng)
+    (first, *_) = identify(record, Structure(2, 0), throw=False).findings
+    assert first.code == "saturation"
+    level = float(first.message.split("to a limit at ")[1].split()[0])
+    assert level == pytest.approx(24.0, abs=1.0)
+
+
+@pytest.mark.parametrize("name", ["level", "friction"])
+@pytest.mark.fast("level")
+def test_what_a_channel_is_called_changes_nothing_that_is_found(name):
+    u, rng = moved_by(np.linspace(0.0, 2.0, 9), 61)
+    record = answered(u * np.abs(u), u, rng, name)
+    estimate = identify(record, Structure(2, 0), throw=False)
+    assert serious(estimate.findings)[0] == "nonlinear"
+    assert serious(validate(estimate, record).findings)[0] == "nonlinear"
+
+
+@pytest.mark.parametrize("seed", [71, 72])
+@pytest.mark.fast("71")
+def test_commands_that_pass_a_network_each_later_or_earlier_are_no_bad_samples(seed):
+    rng = np.random.default_rng(seed)
+    fine, n = 20, 1200
+    u = moved_by(np.array([-1.0, 0.0, 1.0, 2.0]), seed, n)[0]
+    moves = np.concatenate([[0], np.flatnonzero(np.diff(u)) + 1])
+    acted = np.empty(n * fine)
+    for at, late in zip(moves, rng.integers(4, 24, moves.size), strict=True):
+        acted[at * fine + late * (at > 0) :] = u[at]
+    plant = TransferFunction([32.0], [1.0, 3.2, 16.0])
+    y = simulate(plant, Record(acted, acted, dt=0.05 / fine))[::fine, 0]
+    record = Record(u, y + 0.01 * rng.standard_normal(n), dt=0.05, intersample="auto")
+    found = identify(record, Structure(2, 0, delay="free"), throw=False).findings
+    assert found[0].code == "varying"
+    assert "a delay of each move of the input of its own" in found[0].message
+
+
+def test_a_heater_that_is_switched_beside_the_weather_is_held():
+    rng = np.random.default_rng(81)
+    n, fine = 400, 10
+    heater = np.repeat(rng.choice([0.0, 6.0], n // 4), 4)
+    weather = 5.0 * np.sin(2.0 * np.pi * np.arange(n) / 288.0)
+    acted = np.stack([np.repeat(heater, fine), np.repeat(weather, fine)], axis=1)
+    room = TransferFunction([[[0.4], [0.1]]], [[[1.0, 0.1], [1.0, 0.1]]])
+    y = simulate(room, Record(acted, acted[:, 0], dt=1.0 / fine))[::fine, 0]
+    y = y + 0.02 * rng.standard_normal(n)
+    record = Record(np.stack([heater, weather], axis=1), y, dt=1.0, intersample="auto")
+    assert record.behaviour == "zoh"
+    estimate = identify(record, Structure(1, 0), throw=False)
+    assert estimate.intersample == "zoh"
+    assert estimate.parameters["a0"].value == pytest.approx(0.1, rel=0.05)

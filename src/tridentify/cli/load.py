@@ -234,16 +234,23 @@ def _load_one(source: RecordSource, file: Path, activity: Activity) -> Record:
     with opened(file) as table:
         time, dt = source.wanted.time, source.wanted.dt
         if time is None and dt is None:
+            how = "name"
             try:
                 time = find_time(table, source.columns)
             except SamplingError:
                 if source.usual_step is None:
                     raise
                 dt = source.usual_step
+                time = _with_steps(table, source.columns, dt)
+                how, dt = (
+                    f"steps of {dt:.9g} s, as when the model was identified",
+                    None if time else dt,
+                )
+            if time is not None:
+                activity.note(f"taking column {time!r} as time, by its {how}")
+            elif dt is not None:
                 source = replace(source, wanted=replace(source.wanted, dt=dt))
                 activity.note(f"taking steps of {dt:.9g} s, as when the model was identified")
-            if time is not None:
-                activity.note(f"taking column {time!r} as time, by its name")
         record = _read(table, source, time, file)
         if record.dt is None:
             activity.note(_uneven(record, time))
@@ -352,6 +359,23 @@ def _compare_unused_time(table: OpenFile, dt: float, activity: Activity) -> None
             f"caution: column {shown(found[0].header)} is not used; its mean step is {mean:.6g} s, "
             f"not {dt:.6g} s"
         )
+
+
+def _with_steps(table: OpenFile, wanted: Sequence[str], step: float) -> str | None:
+    """Name the one column beside those wanted that counts such steps [s], None without one."""
+    taken = [find_channel(table, name) for name in wanted]
+    found = []
+    for index, channel in enumerate(table.channels):
+        scale = SECONDS.get(channel.unit)
+        if channel in taken or not channel.header or scale is None:
+            continue
+        try:
+            steps = scale * np.diff(table.read([index])[0])
+        except DataError:
+            continue
+        if steps.size and steps.min() > 0 and abs(steps.mean() - step) <= JITTER * step:
+            found.append(channel.header)
+    return found[0] if len(found) == 1 else None
 
 
 def find_time(table: OpenFile, wanted: Sequence[str]) -> str | None:

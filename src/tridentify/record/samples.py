@@ -18,6 +18,7 @@ from tridentify.record.checks.samples import (
     check_band_limited,
     check_intersample,
     check_outputs,
+    is_switched,
     looks_measured,
 )
 from tridentify.record.checks.times import uniform_step
@@ -85,7 +86,8 @@ class Samples:
 
         As stated; where that is left open, what the samples suggest: an input that moves at most
         samples, and mostly on in the direction in which it moved before, was measured ("foh"); any
-        other was set and held ("zoh").
+        other was set and held ("zoh"), and so are all where one is switched: it loses more where it
+        is joined by lines than a smooth one beside it where it is held.
 
         Examples
         --------
@@ -95,7 +97,7 @@ class Samples:
         """
         if self.intersample != "auto":
             return self.intersample
-        return "foh" if looks_measured(self.u) else "zoh"
+        return "foh" if looks_measured(self.u) and not is_switched(self.u) else "zoh"
 
     @property
     def reference_behaviour(self) -> Behaviour | None:

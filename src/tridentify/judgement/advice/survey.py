@@ -33,7 +33,13 @@ from tridentify.judgement.advice.seen import (
 )
 from tridentify.judgement.causes.direct_part import has_direct_part
 from tridentify.judgement.causes.first_samples import beginning
-from tridentify.judgement.causes.intersample import CLEARLY, IN_WORDS, TIE, is_staircase
+from tridentify.judgement.causes.intersample import (
+    CLEARLY,
+    IN_WORDS,
+    MATERIAL_STAIRCASE,
+    TIE,
+    is_staircase,
+)
 from tridentify.judgement.causes.parallel import Parallel, WhitenedFit, p_value, with_noise_model
 from tridentify.judgement.cautions.sensors import seen_in
 from tridentify.judgement.cautions.tones import tone_finding
@@ -252,7 +258,8 @@ def _between(
     above = {name: value - lowest for name, value in total.items()}
     best = min(above, key=lambda name: above[name])
     # a staircase is held unless the record says clearly that it is not
-    margin = CLEARLY if is_staircase(records) else TIE
+    count = sum(record.n_samples for record in records)
+    margin = max(CLEARLY, MATERIAL_STAIRCASE * count) if is_staircase(records) else TIE
     if present in above and above[present] < margin:
         best = present
     return {name: value - above[best] for name, value in above.items()}, best
@@ -404,8 +411,9 @@ def _of_delay(seen: DelaySeen) -> Finding:
         "note",
         f"{seen.output} answers {seen.input} after {seen.text}: a delay, or several fast lags in "
         "series.",
-        f"State a delay that is known (delay={seen.value:.3g}); else compare orders, with delays "
-        "among them (select_structure; tridentify select): lags in series are poles.",
+        "State a delay that is known; else compare orders, with delays among them "
+        "(select_structure; tridentify select): lags in series are poles, and a delay that is "
+        "estimated beside the right ones (delay='free'; --delay free) is the better number.",
         (seen.output,),
         effect=f"-2 log L is {seen.fall:.3g} lower than without.",
     )

@@ -20,6 +20,7 @@ from tridentify.judgement.causes.breaks import break_rivals
 from tridentify.judgement.causes.delay import delay_rivals, neighbours, shifted
 from tridentify.judgement.causes.explanation import CLEARLY, Explanation, Explanations
 from tridentify.judgement.causes.feedback import reacts
+from tridentify.judgement.causes.gains import gain_rivals
 from tridentify.judgement.causes.intersample import (
     BEHAVIOURS,
     IN_WORDS,
@@ -292,6 +293,7 @@ def _rivals(
         (("saturation",), lambda: saturation_rivals(present, fitted)),
         (("nonlinear",), lambda: nonlinear_rivals(present, fitted)),
         (("varying", "disagreeing-experiments"), lambda: varying_rivals(present)),
+        (("varying",), lambda: gain_rivals(present)),
         (("varying",), lambda: wandering_rivals(present, late)),
         (("drift",), lambda: drift_rivals(present)),
         (("drift",), lambda: slow_rivals(present)),

@@ -25,7 +25,7 @@ from tridentify.judgement.causes.revisit import (
     without_outliers,
 )
 from tridentify.numerics.interpolation import FEWEST
-from tridentify.record.checks.samples import Behaviour
+from tridentify.record.checks.samples import Behaviour, is_switched
 from tridentify.record.record import Record
 
 BEHAVIOURS: tuple[Behaviour, ...] = ("zoh", "foh", "band-limited")
@@ -98,7 +98,7 @@ class Behaviours:
     attempts : dict of str to Attempt
         Those that were fitted; the present one among them where any was.
     staircase : bool
-        Whether the inputs repeat their values at most samples.
+        Whether the inputs repeat their values at most samples, or one is switched.
     count : int
         Samples of all outputs.
     stated : bool
@@ -175,7 +175,7 @@ def behaviours(estimate: Estimate, records: Sequence[Record]) -> Behaviours | No
     try:
         point = point_of(estimate, looked_at, stated(estimate))
         problem, poles, here = point.problem, point.poles, _promised(point)
-        steps = is_staircase(looked_at)
+        steps = is_staircase(looked_at) or any(is_switched(record.u) for record in looked_at)
         above: dict[Behaviour, float] = {first: 0.0}
         for behaviour in BEHAVIOURS:
             limited = behaviour == "band-limited"

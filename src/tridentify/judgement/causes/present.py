@@ -124,11 +124,13 @@ class Present:
         extra : sequence of (n_samples,) arrays
             Per experiment.
         name : str
-            Of the input.
+            Of the input; marked where a channel is called so.
         zeros : int
             Of its numerator.
         """
         records = []
+        while name in (*self.records[0].input_names, *self.records[0].output_names):
+            name += "'"
         for record, own in zip(self.records, extra, strict=True):
             scale = float(np.max(np.abs(own), initial=0.0)) or 1.0
             u = np.column_stack([record.u, own / scale])

@@ -40,6 +40,9 @@ TAILS = np.linspace(0.01, 0.45, 45)
 INPUT_TAILS = np.array([0.02, 0.05, 0.1, 0.2, 0.3])
 """The same for an input."""
 
+NEARER = (0.1, 0.05, 0.025, 0.0125)
+"""Shares of its range by which the best of these is moved."""
+
 LEAST = 0.02
 """Share by which a level has to lower the sum of squares to be one."""
 
@@ -202,21 +205,39 @@ def _of_input(present: Present, j: int) -> Rival | None:
     values = np.concatenate([record.u[:, j] for record in present.records])
     if np.unique(values).size < LEVELS:
         return None
+    ends = float(values.min()), float(values.max())
     below, above = np.quantile(values, INPUT_TAILS), np.quantile(values, 1.0 - INPUT_TAILS)
-    tried = [*zip(below, above, strict=True)]
+    # a command of few levels has its limit between two of them
+    below, above = (
+        np.unique([*tails, *(0.5 * (tails + end))])[::way]
+        for tails, end, way in zip((below, above), ends, (1, -1), strict=True)
+    )
+    tried = [*zip(below, above, strict=False)]
     tried += [(-np.inf, high) for high in above] + [(low, np.inf) for low in below]
-    tried = [(low, high) for low, high in tried if low < high]
     plain = replace(present, noise=())
-    parts = [_clipped(plain, j, low, high) for low, high in tried]
-    promised = [promise(part, present.poles) for part in parts]
-    low, high = tried[int(np.argmin(promised))]
-    name = present.records[0].input_names[j]
-    return one(
+    known: dict[tuple[float, float], float] = {}
+
+    def at(limits: tuple[float, float]) -> float:
+        if limits not in known:
+            low, high = limits
+            known[limits] = (
+                promise(_clipped(plain, j, low, high), present.poles) if low < high else np.inf
+            )
+        return known[limits]
+
+    low, high = min(tried, key=at)
+    for share in NEARER:
+        by = share * (ends[1] - ends[0])
+        low = min((low, low - by, low + by), key=lambda level: at((level, high)))
+        high = min((high, high - by, high + by), key=lambda level: at((low, level)))
+    name, count = present.records[0].input_names[j], int(np.isfinite(low)) + int(np.isfinite(high))
+    found = one(
         "saturation",
         _clipped(present, j, low, high),
         f"an actuator that takes {name} no further than to a limit {_in_words(low, high)}",
         f"Use the measured position of the actuator as the input, or a smaller {name}.",
     )
+    return replace(found, price=2.0 * count)
 
 
 def _clipped(present: Present, j: int, low: float, high: float) -> Present:

@@ -180,7 +180,7 @@ def _by_pieces(present: Present, knots: Array) -> Rival | None:
     held = replace(present, delay=present.delay - base)
     own, steps = np.zeros(knots.size), base / present.step
     part, poles, by_edge = present, present.poles, knots.size > max(KNOTS)
-    end = _fitted(part, poles)
+    end = quickly_fitted(part, poles)
     for _ in range(ROUNDS):
         if end is None:
             return None
@@ -196,12 +196,12 @@ def _by_pieces(present: Present, knots: Array) -> Rival | None:
         y[: int(np.ceil(steps + own.max()))] = np.nan
         part = replace(held, records=(moved._derive(y=y),))
         poles = end.point.poles
-        end = _fitted(part, poles)
+        end = quickly_fitted(part, poles)
     if end is None or not np.ptp(own) > 0.0:
         return None
     thirds = np.array_split(_at(own, knots, record) + steps, 3)
     means = ", ".join(f"{part.mean() * present.step:.3g}" for part in thirds)
-    low, high = (float(f(own + steps)) * present.step for f in (np.min, np.max))
+    low, high = (round(float(f(own + steps)), 9) * present.step for f in (np.min, np.max))
     what = (
         f"a delay that varies between {low:.3g} and {high:.3g} s (on the mean {means} s in the "
         "thirds of the record)"
@@ -227,7 +227,8 @@ def _by_pieces(present: Present, knots: Array) -> Rival | None:
     )
 
 
-def _fitted(part: Present, poles: Complex) -> Attempt | None:
+def quickly_fitted(part: Present, poles: Complex) -> Attempt | None:
+    """Where a few steps from some poles end under the noise model that is held."""
     try:
         problem = part.problem()
         return attempt(problem, [poles], part.orders, steps=FEW_STEPS, rounds=0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -188,8 +189,14 @@ def response_as_noise(estimate: Estimate) -> list[Finding]:
             "Compare with ThreeModel(noise='white'), and try a drift, or more poles or zeros.",
         )
         for told in estimate.trace.decisions
-        if told.startswith((RESPONSE_AS_NOISE, SLOW_AS_NOISE))
+        if told.startswith((RESPONSE_AS_NOISE, SLOW_AS_NOISE)) and not _overtaken(told, estimate)
     ]
+
+
+def _overtaken(told: str, estimate: Estimate) -> bool:
+    """Whether the estimate fits better than the white end did: a constraint made another of it."""
+    reached = [float(each) for each in re.findall(r"reach (-?[\d.]+) %", told)]
+    return bool(reached) and float(np.min(estimate.fit)) > max(reached)
 
 
 def _leaves_its_record(estimate: Estimate) -> list[Finding]:

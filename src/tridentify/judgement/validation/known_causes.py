@@ -13,6 +13,9 @@ from tridentify.judgement.validation.explained import (
 )
 from tridentify.judgement.validation.likelihood_ratio import CALLED
 
+DECLINED = "noise taken as white: "
+"""How the method says why it has no noise model."""
+
 
 class KnownCauses(NamedTuple):
     """What is known of causes when test results are put into words.
@@ -44,6 +47,12 @@ class KnownCauses(NamedTuple):
     def robust(self) -> bool:
         """Whether the estimate has a robust loss, which goes with no noise model."""
         return self.estimate.loss != "squared"
+
+    @property
+    def declined(self) -> str:
+        """Why the automatic noise model was not taken; empty where that was not asked for."""
+        said = (one.partition(DECLINED)[2] for one in self.estimate.trace.decisions)
+        return next((reason for reason in said if reason), "")
 
     @property
     def no_better(self) -> bool:

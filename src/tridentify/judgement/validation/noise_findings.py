@@ -125,15 +125,26 @@ def not_white(view: View, one: Evidence, name: str, beside: KnownCauses) -> Find
             do = "look for what shakes the output, if smaller standard errors are wanted"
             return one_finding("noise-model", name, allows, do, "note")
         do = "use noise='ar' (--noise ar), which estimates the noise along, for smaller ones"
+        do = _declined(beside) or do
         return one_finding("noise-model", name, allows, do)
     if modelled or beside.robust:
         do = "take the standard errors for too small"
     elif view.uneven:
         do = "take the standard errors for too small; a noise model needs uniform time: resample"
     else:
-        do = "use noise='ar' (--noise ar), which estimates the noise along"
+        do = _declined(beside) or "use noise='ar' (--noise ar), which estimates the noise along"
     does_not = f"{seen}, and the standard errors do not allow for it"
     return one_finding("noise-model", name, does_not, do)
+
+
+def _declined(beside: KnownCauses) -> str:
+    """What to do where a noise model was tried and not taken; empty where none was tried."""
+    if not beside.declined:
+        return ""
+    return (
+        f"find what the model misses (a delay, a drift, the order): a noise model was tried and "
+        f"not taken ({beside.declined})"
+    )
 
 
 def _has_noise(view: View, name: str) -> bool:

@@ -242,7 +242,13 @@ def _tried(
         view, evidence, moved_by = _without_bad_samples(view, evidence, setting)
     explained = None
     called = any(_called(one) or one.feedback < CALLED for one in evidence)
-    hinted = view.own and any(suspicious(view, i, setting.estimate) for i in outputs)
+    # what follows a command has far samples too, and errors that had to come from scatter
+    far = any(len(one.normality.outliers) for one in evidence) and is_staircase(view.records)
+    hinted = view.own and (
+        far
+        or setting.estimate.errors == "scores"
+        or any(suspicious(view, i, setting.estimate) for i in outputs)
+    )
     stepped = any(steps(own) for output in view.outputs for own in output.residual)
     if torn or called or hinted or stepped or may_react(view):
         noises = [one.noise for one in evidence]

@@ -39,6 +39,9 @@ Behaviour = Literal["zoh", "foh", "band-limited"]
 MOVING = 0.5
 """Share of samples at which a measured input moves, at least."""
 
+POSITIONS = 3
+"""Values that a switched input takes, at most: off, on, and one more."""
+
 
 def channel_names(names: Sequence[str] | None, n_channels: int, default: str) -> tuple[str, ...]:
     """Check the names of channels, or make default ones.
@@ -223,6 +226,20 @@ def looks_measured(u: Array) -> bool:
     """
     steps = np.diff(u, axis=0)
     return any(bool(np.mean(own != 0.0) > MOVING) and _goes_on(own) for own in steps.T)
+
+
+def is_switched(u: Array) -> bool:
+    """Whether one of the inputs goes to and fro between two or three values, as a thermostat.
+
+    Examples
+    --------
+    >>> weather = np.sin(0.1 * np.arange(200))
+    >>> is_switched(np.stack([weather, np.repeat([0.0, 1.0, 0.0, 1.0], 50)], axis=1))
+    True
+    >>> is_switched(weather[:, None])
+    False
+    """
+    return any(1 < np.unique(own).size <= POSITIONS for own in u.T)
 
 
 def _goes_on(steps: Array) -> bool:
