@@ -15,22 +15,25 @@ import scipy.linalg
 
 from tridentify.errors import IdentifiabilityError, OptionError, TridentifyError
 from tridentify.models.simulate import simulate
-from tridentify.plots.study import save_study_figures
-from tridentify.plots.study_fig5 import plot_step_responses, response_band
-from tridentify.plots.study_fig6 import plot_noise_levels
+from tridentify.plots.study import (
+    plot_noise_levels,
+    plot_step_responses,
+    response_band,
+    save_study_figures,
+)
 from tridentify.record.record import Record
 from tridentify.studies import STUDIES, Study, StudyResult
 from tridentify.studies import aircraft as module
 from tridentify.studies.aircraft import FILTER, PLANT, AircraftStudy, noise_free_record
-from tridentify.studies.aircraft_numbers import (
+from tridentify.studies.aircraft_result import (
     ESTIMATORS,
     FAILED,
     FLAGGED,
     TRUTH,
+    AircraftResult,
     Condition,
     Event,
 )
-from tridentify.studies.aircraft_result import AircraftResult
 from tridentify.studies.cramer_rao import (
     cramer_rao_covariance,
     information_factor,
@@ -226,7 +229,6 @@ def test_a_dead_process_is_one_clear_error():
         run_batches(os._exit, [3], workers=1)
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="signals to process groups")
 @pytest.mark.parametrize(
     ("number", "workers"),
