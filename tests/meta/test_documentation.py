@@ -92,7 +92,10 @@ def test_the_build_fails_where_a_cell_fails(repository: Path) -> None:
     (build,) = re.findall(r"-m sphinx (.*?)docs build/docs", makefile, flags=re.DOTALL)
     assert {"-W", "-n", "-E"} <= set(build.split())
     checks = (repository / ".ci" / "run").read_text(encoding="utf-8")
-    assert re.search(r"^make\b.* docs\b", checks, flags=re.MULTILINE)
+    assert re.search(r"^[^#\n]*\bmake\b.* ci$", checks, flags=re.MULTILINE)
+    needs = dict(re.findall(r"^(ci|check): ([a-z ]+?)\s*(?:##.*)?$", makefile, flags=re.MULTILINE))
+    assert needs["ci"] == "check"
+    assert "docs" in needs["check"].split()
 
 
 def test_nothing_is_fetched_from_elsewhere(repository: Path) -> None:

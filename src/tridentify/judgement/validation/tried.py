@@ -242,8 +242,10 @@ def _tried(
         view, evidence, moved_by = _without_bad_samples(view, evidence, setting)
     explained = None
     called = any(_called(one) or one.feedback < CALLED for one in evidence)
-    # what follows a command has far samples too, and errors that had to come from scatter
-    far = any(len(one.normality.outliers) for one in evidence) and is_staircase(view.records)
+    # what follows a command has far samples too, beyond the start, and errors come from scatter
+    rows = [one.normality.outliers for one in evidence]
+    beyond = any(len(own) > len(_first_ones(view, own)) for own in rows)
+    far = beyond and is_staircase(view.records)
     hinted = view.own and (
         far
         or setting.estimate.errors == "scores"
