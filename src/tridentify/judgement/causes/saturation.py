@@ -216,12 +216,15 @@ def _of_input(present: Present, j: int) -> Rival | None:
     tried += [(-np.inf, high) for high in above] + [(low, np.inf) for low in below]
     plain = replace(present, noise=())
     known: dict[tuple[float, float], float] = {}
+    # a limit that hardly anything passes explains single samples
+    lowest, highest = np.quantile(values, [INPUT_TAILS[0], 1.0 - INPUT_TAILS[0]])
 
     def at(limits: tuple[float, float]) -> float:
+        low, high = limits
+        passed = low < high and not -np.inf < low < lowest and not highest < high < np.inf
         if limits not in known:
-            low, high = limits
             known[limits] = (
-                promise(_clipped(plain, j, low, high), present.poles) if low < high else np.inf
+                promise(_clipped(plain, j, low, high), present.poles) if passed else np.inf
             )
         return known[limits]
 

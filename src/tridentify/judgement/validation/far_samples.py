@@ -27,6 +27,9 @@ COINCIDENCE = 0.01
 """Probability, of places at random, from which it is one that so many follow a jump: two spikes
 both do in one record of fifteen where the input jumps every tenth sample."""
 
+WORTH_A_LOOK = 0.15
+"""The same, from which causes are looked for: of a late command one sample may be far."""
+
 UNFORESEEN = 4.0
 """Standard deviations of what the past does not tell of an output from which a sample is bad where
 the input reacts to it: of Gaussian noise one in sixteen thousand."""
@@ -40,15 +43,22 @@ def with_outliers(one: Evidence, rows: Array) -> Evidence:
 def with_bad_samples_alone(view: View, found: Evidence) -> Evidence:
     """Without far samples that follow a jump of a held input: there the model misses something."""
     rows = found.normality.outliers
+    follow = after_a_jump(view, rows)
+    if not follow.any() or 1.0 - np.mean(follow) > MOSTLY_ALONE:
+        return found
+    return with_outliers(found, rows[~follow])
+
+
+def after_a_jump(view: View, rows: Array, chance: float = COINCIDENCE) -> NDArray[np.bool_]:
+    """Which far samples follow a jump of a held input; none where so many may do by chance."""
+    none = np.zeros(len(rows), dtype=bool)
     if not len(rows) or not is_staircase(view.records):
-        return found
+        return none
     follow = [_after_a_jump(record) for record in view.records]
-    kept = np.array([not follow[int(e)][np.argmin(np.abs(view.records[int(e)].t - t))]
-                     for e, t, _ in rows])  # fmt: skip
-    by_chance = bdtrc(np.sum(~kept) - 1, kept.size, float(np.mean(np.concatenate(follow))))
-    if np.mean(kept) > MOSTLY_ALONE or by_chance > COINCIDENCE:
-        return found
-    return with_outliers(found, rows[kept])
+    found = np.array([follow[int(e)][np.argmin(np.abs(view.records[int(e)].t - t))]
+                      for e, t, _ in rows])  # fmt: skip
+    by_chance = bdtrc(np.sum(found) - 1, found.size, float(np.mean(np.concatenate(follow))))
+    return none if by_chance > chance else found
 
 
 def without_foreseen(view: View, index: int, found: Evidence) -> Evidence:

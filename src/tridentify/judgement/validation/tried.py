@@ -38,6 +38,8 @@ from tridentify.judgement.validation.explained import (
     told_alone,
 )
 from tridentify.judgement.validation.far_samples import (
+    WORTH_A_LOOK,
+    after_a_jump,
     with_bad_samples_alone,
     with_outliers,
     without_foreseen,
@@ -242,10 +244,8 @@ def _tried(
         view, evidence, moved_by = _without_bad_samples(view, evidence, setting)
     explained = None
     called = any(_called(one) or one.feedback < CALLED for one in evidence)
-    # what follows a command has far samples too, beyond the start, and errors come from scatter
-    rows = [one.normality.outliers for one in evidence]
-    beyond = any(len(own) > len(_first_ones(view, own)) for own in rows)
-    far = beyond and is_staircase(view.records)
+    # what follows a command late has far samples there, and errors come from scatter
+    far = any(after_a_jump(view, _far(view, i, setting), WORTH_A_LOOK).any() for i in outputs)
     hinted = view.own and (
         far
         or setting.estimate.errors == "scores"
@@ -453,6 +453,12 @@ def _examined(view: View, index: int, setting: _Setting) -> Evidence:
     if key not in known:
         known[key] = _tested(view, index, setting)
     return known[key]
+
+
+def _far(view: View, index: int, setting: _Setting) -> Array:
+    """All far samples of an output, also those that follow a jump."""
+    found = setting.known.get((view, index, None))
+    return np.zeros((0, 3)) if found is None else found.normality.outliers
 
 
 def _tested(view: View, index: int, setting: _Setting) -> Evidence:
