@@ -19,8 +19,9 @@ from tridentify import (
 )
 from tridentify.data import short_period
 from tridentify.estimation.answer.finding import FEWER, Finding, joined
-from tridentify.estimation.answer.trace import FAR_LIKELIER
+from tridentify.estimation.answer.trace import FAR_LIKELIER, RESPONSE_AS_NOISE, SLOW_AS_NOISE
 from tridentify.estimation.answer.trust import class_of
+from tridentify.judgement.cautions.residual import response_as_noise
 from tridentify.report.html import report_page, settled
 
 DT, N = 0.05, 800
@@ -195,6 +196,21 @@ def test_a_noise_model_that_was_tried_and_declined_is_no_advice_for_colour():
     kept = replace(estimate, trace=replace(estimate.trace, decisions=decisions))
     assert "noise='ar'" not in advice(kept)
     assert why in advice(kept)
+
+
+@pytest.mark.parametrize("known", [RESPONSE_AS_NOISE, SLOW_AS_NOISE])
+def test_that_white_weights_follow_better_is_told_only_of_what_follows_worse(known):
+    """A constraint makes another end of the one that was compared with white weights."""
+    estimate = identify(spoiled("squared")[1], Structure(2, 0))
+    fit = float(estimate.fit[0])
+
+    def told(white):
+        line = f"{known}: fit 20.0 % where white weights reach {white:.1f} %"
+        trace = replace(estimate.trace, decisions=(line,))
+        return [one.code for one in response_as_noise(replace(estimate, trace=trace))]
+
+    assert told(fit - 1.0) == []
+    assert told(fit + 1.0) == ["noise-model"]
 
 
 def wandering(seed):

@@ -241,16 +241,14 @@ def _load_one(source: RecordSource, file: Path, activity: Activity) -> Record:
                 if source.usual_step is None:
                     raise
                 dt = source.usual_step
+                how = f"steps of {dt:.9g} s, as when the model was identified"
                 time = _with_steps(table, source.columns, dt)
-                how, dt = (
-                    f"steps of {dt:.9g} s, as when the model was identified",
-                    None if time else dt,
-                )
             if time is not None:
+                dt = None
                 activity.note(f"taking column {time!r} as time, by its {how}")
             elif dt is not None:
                 source = replace(source, wanted=replace(source.wanted, dt=dt))
-                activity.note(f"taking steps of {dt:.9g} s, as when the model was identified")
+                activity.note(f"taking {how}")
         record = _read(table, source, time, file)
         if record.dt is None:
             activity.note(_uneven(record, time))

@@ -33,13 +33,7 @@ from tridentify.judgement.advice.seen import (
 )
 from tridentify.judgement.causes.direct_part import has_direct_part
 from tridentify.judgement.causes.first_samples import beginning
-from tridentify.judgement.causes.intersample import (
-    CLEARLY,
-    IN_WORDS,
-    MATERIAL_STAIRCASE,
-    TIE,
-    is_staircase,
-)
+from tridentify.judgement.causes.intersample import CLEARLY, IN_WORDS, TIE, clear_fall, is_staircase
 from tridentify.judgement.causes.parallel import Parallel, WhitenedFit, p_value, with_noise_model
 from tridentify.judgement.cautions.sensors import seen_in
 from tridentify.judgement.cautions.tones import tone_finding
@@ -258,8 +252,8 @@ def _between(
     above = {name: value - lowest for name, value in total.items()}
     best = min(above, key=lambda name: above[name])
     # a staircase is held unless the record says clearly that it is not
-    count = sum(record.n_samples for record in records)
-    margin = max(CLEARLY, MATERIAL_STAIRCASE * count) if is_staircase(records) else TIE
+    count = len(outputs) * sum(record.n_samples for record in records)
+    margin = clear_fall(count, True) if is_staircase(records) else TIE
     if present in above and above[present] < margin:
         best = present
     return {name: value - above[best] for name, value in above.items()}, best

@@ -115,7 +115,7 @@ class Behaviours:
     @property
     def clearly(self) -> float:
         """Fall of ``-2 log L`` from which another behaviour is clearly better."""
-        return max(CLEARLY, (MATERIAL_STAIRCASE if self.staircase else MATERIAL) * self.count)
+        return clear_fall(self.count, self.staircase)
 
     @property
     def best(self) -> Behaviour:
@@ -215,6 +215,24 @@ def better_behaviour(found: Behaviours, suggested: Behaviour) -> Behaviour:
     best, least = found.best, found.clearly if found.staircase else TIE
     clear = suggested not in found.above or found.fall(best, suggested) >= least
     return best if clear else suggested
+
+
+def clear_fall(count: int, staircase: bool) -> float:
+    """Fall of ``-2 log L`` from which another behaviour is clearly better.
+
+    Parameters
+    ----------
+    count : int
+        Samples of all outputs.
+    staircase : bool
+        Whether the inputs repeat their values.
+
+    Examples
+    --------
+    >>> clear_fall(500, True), clear_fall(2000, True), clear_fall(2000, False)
+    (15.0, 60.0, 20.0)
+    """
+    return max(CLEARLY, (MATERIAL_STAIRCASE if staircase else MATERIAL) * count)
 
 
 def is_staircase(records: Sequence[Record]) -> bool:
