@@ -173,7 +173,7 @@ class EquationError(Suspecting):
         """Search for the filter."""
         return self.search(state) if state.stage.searching else state
 
-    def searching_task(self, state: State, samples: Array, begun_anew: bool, full: bool) -> Task:
+    def _searching_task(self, state: State, samples: Array, begun_anew: bool, full: bool) -> Task:
         """The search for the filter."""
         return Task(clean_search, state.stage.setting, samples, begun_anew)
 

@@ -291,7 +291,7 @@ class Gradient(GradientRule):
         """A slice of the search, or let the model follow Step 2."""
         return self.search(state) if state.stage.searching else followed(self, state)
 
-    def searching_task(self, state: State, samples: Array, begun_anew: bool, full: bool) -> Task:
+    def _searching_task(self, state: State, samples: Array, begun_anew: bool, full: bool) -> Task:
         """A model to begin with, from samples that it does not find doubtful."""
         now = State(state.values.copy(), state.stage)
         return Task(_searching, self, now, samples, begun_anew, full)

@@ -170,7 +170,7 @@ class Suspecting(Estimator):
         """The estimator that goes on from the samples since a change, without a witness."""
 
     @abstractmethod
-    def searching_task(self, state: State, samples: Array, begun_anew: bool, full: bool) -> Task:
+    def _searching_task(self, state: State, samples: Array, begun_anew: bool, full: bool) -> Task:
         """The search for a model among the first samples."""
 
     @abstractmethod
@@ -187,7 +187,7 @@ class Suspecting(Estimator):
             x[slots.WORK_AT] = float(len(kept))
         count = int(x[slots.WORK_AT])
         full = count >= MOST_KEPT
-        task = state.stage.task or self.searching_task(state, kept[:count], begun_anew, full)
+        task = state.stage.task or self._searching_task(state, kept[:count], begun_anew, full)
         further = advanced(state, task)
         if further is not None:
             return further
