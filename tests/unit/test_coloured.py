@@ -283,6 +283,37 @@ def test_noise_free_record_is_not_whitened():
         assert np.allclose(estimate.theta, THETA, rtol=1e-9)
 
 
+WANDERING = np.array([2.6, 2.6, 1.2, 2.2])
+
+
+def beside_a_slow_sine(seed: int) -> Record:
+    """A plant beside a disturbance of less than one period, larger than its response."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.standard_normal(100), 6)
+    model = TransferFunction(WANDERING[2:], np.append(1.0, WANDERING[:2]))
+    y = simulate(model, Record(u, u, dt=0.2))[:, 0]
+    turns = rng.uniform(0.1, 0.6) * np.arange(u.size) / u.size + rng.random()
+    y = y + 1.5 * np.std(y) * np.sin(2.0 * np.pi * turns)
+    return Record(u, y + 0.003 * rng.standard_normal(u.size), dt=0.2)
+
+
+def far_off(record: Record) -> bool:
+    """Whether an end is more than 4 stated errors from the truth."""
+    estimate = ThreeModel().estimate([record], Structure(2, 1))
+    return bool(np.any(np.abs(estimate.theta - WANDERING) > 4.0 * estimate.std))
+
+
+def test_a_plant_that_took_a_slow_disturbance_for_a_mode_is_asked_with_a_model_of_the_noise():
+    """White weights end at the limit of stability, and their residual follows the input."""
+    assert not far_off(beside_a_slow_sine(0))
+
+
+@pytest.mark.slow
+def test_slow_disturbances_seldom_become_a_mode_of_the_plant():
+    """48 of 60 were far off where the samples were left as they are whenever that residual did."""
+    assert sum(far_off(beside_a_slow_sine(seed)) for seed in range(1000, 1060)) <= 9
+
+
 @pytest.mark.judged
 @pytest.mark.slow
 def test_missing_response_is_not_taken_for_noise():

@@ -14,6 +14,12 @@ with whitening the coefficients would move to where the missing response is smal
 which can be far from anything wanted. What white weights explain and the whitened samples leave to
 the noise is told.
 
+A mode that decays little within the record may stand for a disturbance that wanders over it, and
+what the plant then misses follows the input. Where white weights end at such a mode, or at a limit,
+the end on whitened samples counts although their residual follows the input, and although the mode
+follows more of the output, if it explains the record: what it leaves does not follow the input, and
+is as little as the predictor leaves, which needs no model of the plant.
+
 Under strong slow noise white weights may end far from the truth, and a long model of what they left
 takes the response that they missed for noise as well: later turns then stay where they are. Where
 the whitened residual still follows the input, every start of both searches is therefore given a
@@ -92,7 +98,11 @@ likeliest end of all may be that the output is noise, and nothing would be learn
 response."""
 ELSEWHERE = 3.0
 """Standard errors between two ends from which they are told apart."""
+SLOW_MODE = 10.0
+"""Decay of a mode within the record from below which it may stand for a disturbance that wanders
+over the record."""
 PASSED = "noise white: the residual passes the portmanteau test"
+FOLLOWED = "noise taken as white: the residual is not, but most of it follows the input"
 
 
 def with_noise_model(
@@ -143,15 +153,14 @@ def with_noise_model(
     tinted = tuple(noise == "ar" or not is_white(series) for series in residuals)
     if not any(tinted):
         return _told(found, PASSED)
+    slow = noise == "auto" and _may_be_a_disturbance(first)
+    doubtful = False
     if noise == "auto":
-        tinted = tuple(
-            coloured and not follows_input(first.point, i, residuals[i])
-            for i, coloured in enumerate(tinted)
-        )
-        if not any(tinted):
-            return _told(
-                found, "noise taken as white: the residual is not, but most of it follows the input"
-            )
+        left = _left_to_noise(first.point, tinted)
+        doubtful = slow and left != tinted
+        if not doubtful and not any(left):
+            return _told(found, FOLLOWED)
+        tinted = tinted if doubtful else left
     question.say("coloured noise")
     best = _alternate(question, found, tinted, starts)
     known = forecasts(_pairs(first.point))
@@ -167,7 +176,15 @@ def with_noise_model(
         likelier = _from_predictor(question, found, tinted, starts, best, known)
         if noise == "ar" or _follows(likelier.end, first):
             best = likelier
-    if noise == "auto" and _is_lost(best.end, first):
+    lost = noise == "auto" and _is_lost(best.end, first)
+    if doubtful or (slow and lost):
+        ends = (one for one in (best, likelier) if _explains(one.end, tinted, known))
+        explaining = next(ends, None)
+        if explaining is not None:
+            best, likelier, lost = explaining, explaining, False
+        elif doubtful:
+            return _told(found, FOLLOWED)
+    if lost:
         told = "noise taken as white: on whitened samples there was no usable minimum"
         words = (told, *_likelier(first, likelier.end, tinted, known))
         return replace(found, decisions=(*found.decisions, *words), tried=best.tried)
@@ -176,6 +193,29 @@ def with_noise_model(
         words = (*words, *_likelier(best.end, likelier.end, tinted, known))
     moved = None if in_loop else _moved(first, best.end)
     return replace(best, decisions=(*best.decisions, *words), moved=moved)
+
+
+def _left_to_noise(point: Point, tinted: tuple[bool, ...]) -> tuple[bool, ...]:
+    """Outputs whose residual is coloured, and does not mostly follow the input."""
+    residuals = residual_series(point, TESTED)
+    return tuple(
+        coloured and not follows_input(point, i, residuals[i]) for i, coloured in enumerate(tinted)
+    )
+
+
+def _may_be_a_disturbance(end: Finished) -> bool:
+    """Whether an end has a mode that a slow disturbance may have been taken for."""
+    problem = end.point.problem
+    longest = max(e.n_samples * e.dt for e in problem.experiments)
+    slowest = float(np.min(np.abs(end.point.poles.real)))
+    return end.status is not Status.CONVERGED or slowest * longest < SLOW_MODE
+
+
+def _explains(end: Finished, tinted: tuple[bool, ...], known: Sequence[Forecast]) -> bool:
+    """Whether an end leaves noise alone, and as little of it as the predictors do."""
+    if end.status is not Status.CONVERGED or _left_to_noise(end.point, tinted) != tinted:
+        return False
+    return _behind(end.point, known) < RIVAL
 
 
 def _moved(first: Finished, best: Finished) -> Array | None:
