@@ -127,6 +127,9 @@ def simulate_each(
     >>> inputs = np.stack([np.ones(3), np.zeros(3)], axis=1)
     >>> simulate_each(np.ones(1), np.ones(2), 0.0, record, inputs).round(4).tolist()
     [[0.0, 0.0], [0.6321, 0.0], [0.8647, 0.0]]
+    >>> both = [np.ones(1), 2.0 * np.ones(1)]
+    >>> simulate_each(both, np.ones(2), 0.0, record, inputs[:, :1]).round(4).tolist()
+    [[0.0, 0.0], [0.6321, 1.2642], [0.8647, 1.7293]]
     """
     numerators = num if isinstance(num, list) else [num] * inputs.shape[1]
     k, last = len(numerators), inputs.shape[1] - 1

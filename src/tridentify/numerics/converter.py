@@ -64,6 +64,8 @@ def quantum(values: Array, least: float = 0.0) -> float:
     >>> signal = 3.0 + np.sin(np.arange(100.0))
     >>> round(quantum(0.05 * np.round(signal / 0.05)), 6), quantum(signal)
     (0.05, 0.0)
+    >>> quantum(0.05 * np.round(signal / 0.05), 1.0)
+    0.0
     """
     seen = values[np.isfinite(values)]
     if seen.size < 2 or _too_fine(seen):
