@@ -10,7 +10,7 @@ from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.search.banks import Banks
 from tridentify.models.columns import Layout
 from tridentify.models.compiled_regression import cascades
-from tridentify.models.experiment import Experiment
+from tridentify.models.experiment import MIDDLING, Experiment
 from tridentify.models.regression import regress, response_of
 from tridentify.numerics.discretize import discretize
 from tridentify.numerics.kernels.exponentials import discrete, exponential
@@ -83,7 +83,8 @@ def test_responses_are_combinations_of_the_same_columns(name):
 
 def test_long_and_uneven_records_go_the_general_way():
     assert made(Experiment).charts is not None
-    assert made(Experiment, n=5000).charts is None
+    assert made(Experiment, n=MIDDLING).charts is not None
+    assert made(Experiment, n=MIDDLING + 1).charts is None
     assert made(Experiment, t=np.arange(120) * DT).charts is None
     assert made(Experiment, intersample="band-limited").charts is None
 

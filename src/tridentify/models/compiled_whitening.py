@@ -35,11 +35,14 @@ def whitened_triangles(
     count, states, n = columns.shape
     width = states + y.shape[0]
     found, rows = np.empty((count, width, width)), np.empty((width, n))
-    whitened = np.empty((width, n))
+    outputs = np.empty((y.shape[0], n))
+    past = np.zeros((width, noise.size))
+    innovate(noise, seen, gain, scale, y, past, outputs)
     for k in range(count):
-        for i in range(width):
+        past[:] = 0.0
+        innovate(noise, seen, gain, scale, columns[k], past, rows)
+        for i in range(y.shape[0]):
             for t in range(n):
-                rows[i, t] = columns[k, i, t] if i < states else y[i - states, t]
-        innovate(noise, seen, gain, scale, rows, np.zeros((width, noise.size)), whitened)
-        triangularise(whitened, n, 0, n, found[k])
+                rows[states + i, t] = outputs[i, t]
+        triangularise(rows, n, 0, n, found[k])
     return found

@@ -14,7 +14,7 @@ from tridentify.numerics.autoregression import gains
 from tridentify.numerics.realization import Cascade
 from tridentify.numerics.sampled import Sampled
 
-MIDDLING = 4_096
+MIDDLING = 8_192
 """Samples up to which an experiment is filtered along time, column by column: the columns of a few
 dozen states stay in the processor's near memory."""
 

@@ -94,13 +94,17 @@ def simulate(
     return result
 
 
-def simulate_each(num: Array, den: Array, delay: float, record: Record, inputs: Array) -> Array:
-    """As `simulate` from rest, of a model of one channel driven by each of several inputs alone.
+def simulate_each(
+    num: Array | list[Array], den: Array, delay: float, record: Record, inputs: Array
+) -> Array:
+    """As `simulate` from rest, of models of one channel driven by each of several inputs alone.
 
     Parameters
     ----------
-    num, den : arrays
-        Descending powers; ``den`` begins with one.
+    num : array or list of arrays
+        Descending powers; one for all inputs, or one for each (or several for one input).
+    den : array
+        Descending powers, beginning with one.
     delay : float
         [s].
     record : Record
@@ -123,14 +127,18 @@ def simulate_each(num: Array, den: Array, delay: float, record: Record, inputs: 
     >>> inputs = np.stack([np.ones(3), np.zeros(3)], axis=1)
     >>> simulate_each(np.ones(1), np.ones(2), 0.0, record, inputs).round(4).tolist()
     [[0.0, 0.0], [0.6321, 0.0], [0.8647, 0.0]]
+    >>> both = [np.ones(1), 2.0 * np.ones(1)]
+    >>> simulate_each(both, np.ones(2), 0.0, record, inputs[:, :1]).round(4).tolist()
+    [[0.0, 0.0], [0.6321, 1.2642], [0.8647, 1.7293]]
     """
-    k = inputs.shape[1]
+    numerators = num if isinstance(num, list) else [num] * inputs.shape[1]
+    k, last = len(numerators), inputs.shape[1] - 1
     result = np.zeros((record.n_samples, k))
-    signal = _signal(record, np.ascontiguousarray(inputs), (delay,) * k)
+    signal = _signal(record, np.ascontiguousarray(inputs), (delay,) * (last + 1))
     with np.errstate(over="ignore", under="ignore", invalid="ignore", divide="ignore"):
         try:
-            channels = [(j, j) for j in range(k)]
-            _drive(result, den, channels, [num] * k, signal)
+            channels = [(i, min(i, last)) for i in range(k)]
+            _drive(result, den, channels, numerators, signal)
         except (np.linalg.LinAlgError, ValueError) as error:
             if isinstance(error, TridentifyError):
                 raise

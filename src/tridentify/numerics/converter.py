@@ -31,6 +31,8 @@ PARTS = (1, 2, 3, 4)
 FEWEST_VALUES = 6
 MOST_QUANTA = 1e7
 FEW_VALUES = 10_000
+LARGER = 10.0
+"""Times the smallest difference of two values beyond which there is no step."""
 
 
 class Runs(NamedTuple):
@@ -41,25 +43,29 @@ class Runs(NamedTuple):
     value: Array
 
 
-def quantum(values: Array) -> float:
+def quantum(values: Array, least: float = 0.0) -> float:
     """Step of the grid that all values lie on.
 
     Parameters
     ----------
     values : (N,) array
         ``nan`` marks a missing sample.
+    least : float
+        Smaller steps are not asked for.
 
     Returns
     -------
     float
         0 where they lie on no grid, or are too few different ones to tell: six, or two where
-        each is met ten times.
+        each is met ten times, or none so large.
 
     Examples
     --------
     >>> signal = 3.0 + np.sin(np.arange(100.0))
     >>> round(quantum(0.05 * np.round(signal / 0.05)), 6), quantum(signal)
     (0.05, 0.0)
+    >>> quantum(0.05 * np.round(signal / 0.05), 1.0)
+    0.0
     """
     seen = values[np.isfinite(values)]
     if seen.size < 2 or _too_fine(seen):
@@ -74,7 +80,8 @@ def quantum(values: Array) -> float:
         return 0.0
     steps = np.diff(levels)
     smallest = float(steps.min())
-    if span > MOST_QUANTA * smallest:
+    # the step that a grid is found by grows by half at each of three turns, at most
+    if span > MOST_QUANTA * smallest or LARGER * smallest < least:
         return 0.0
     for part in PARTS:
         found = _grid(levels, steps, smallest / part)

@@ -70,7 +70,8 @@ class _Fitted:
 
 def unsure(estimate: Estimate) -> list[str]:
     """Parameters whose standard error is above `VAGUE` of the value; what is fixed has none."""
-    return [p.name for p in estimate.parameters.values() if p.std and not p.relative_std < VAGUE]
+    known = zip(estimate.names, estimate.theta.tolist(), estimate.std.tolist(), strict=True)
+    return [name for name, value, std in known if std and not std < VAGUE * abs(value)]
 
 
 def order_findings(estimate: Estimate, records: Sequence[Record]) -> list[Finding]:

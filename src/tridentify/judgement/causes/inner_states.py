@@ -46,20 +46,19 @@ def inner_states(den: Array, delay: float, records: Sequence[Record], j: int) ->
     n = len(den) - 1
     if not 2 <= n <= MOST:
         return []
-    found = []
-    for k in range(n):
-        num = np.zeros(k + 1)
-        num[0] = 1.0
-        moved = [
-            simulate_each(
-                num, den, delay, record._on_its_times(record.u), record.u[:, [j]] - record.u[0, j]
-            )[:, 0]
-            for record in records
-        ]
-        size = float(np.std(np.concatenate(moved)))
-        if size > 0.0:
-            found.append([one / size for one in moved])
-    return found
+    numerators = [np.eye(k + 1)[0] for k in range(n)]
+    moved = [
+        simulate_each(
+            numerators,
+            den,
+            delay,
+            record._on_its_times(record.u),
+            record.u[:, [j]] - record.u[0, j],
+        )
+        for record in records
+    ]
+    sizes = np.std(np.concatenate(moved), axis=0).tolist()
+    return [[one[:, k] / size for one in moved] for k, size in enumerate(sizes) if size > 0.0]
 
 
 def gripping(state: Sequence[Array]) -> list[Array]:

@@ -44,6 +44,10 @@ ROUNDING = 1e-10
 it was commanded."""
 
 
+FREE = 1e-5
+"""Share of a column that those before it must leave for it to be one of its own without a doubt."""
+
+
 class Law(NamedTuple):
     """What moves one input.
 
@@ -235,6 +239,10 @@ class _Regression(NamedTuple):
         taken = self.lags <= np.where(self.is_output, outputs, inputs)
         known, wanted = self.triangle[:, :-1][:, taken], self.triangle[:, -1]
         scale = np.maximum(np.linalg.norm(known, axis=0), 1e-300)
+        k = len(scale)
+        if taken[:k].all() and bool(np.all(np.abs(known.diagonal()) > FREE * scale)):
+            # first columns of the triangle, none of which follows from those before
+            return float(wanted[k:] @ wanted[k:]), self.rows - k
         fitted, _, rank, _ = np.linalg.lstsq(known / scale, wanted, rcond=1e-12)
         left = wanted - (known / scale) @ fitted
         return float(left @ left), self.rows - int(rank)

@@ -105,9 +105,10 @@ def _other_delays(estimate: Estimate) -> list[Finding]:
 
 def _not_stable(estimate: Estimate) -> list[Finding]:
     """A pole at zero or to the right of it, where it is not given."""
+    if estimate.model.is_stable:
+        return []
     parameters = estimate.parameters.values()
-    integrates = any(p.name.startswith("a0") and not (p.value or p.std) for p in parameters)
-    if estimate.model.is_stable or integrates:
+    if any(p.name.startswith("a0") and not (p.value or p.std) for p in parameters):
         return []
     shown = estimate.loop is not None and estimate.loop.mirrored
     if estimate.route != "reference" and not shown:

@@ -80,11 +80,11 @@ def outlier_findings(
         places, farthest = _outliers(series)
         if not places and estimate.noise_model[i].size:
             places, farthest = spikes(series, estimate.noise_model[i])
-        if within_a_step([record.y[:, i] for record in records], series):
-            continue
         count = len(places)
+        if not count or within_a_step([record.y[:, i] for record in records], series):
+            continue
         size = math.sqrt(float(np.nanmean(np.concatenate([r.y[:, i] for r in records]) ** 2)))
-        if count and math.sqrt(float(estimate.noise_variance[i])) > ROUNDING * size:
+        if math.sqrt(float(estimate.noise_variance[i])) > ROUNDING * size:
             many = f"{count} samples of {name} lie" if count > 1 else f"A sample of {name} lies"
             times = [float(records[e].t[k]) for e, k in places]
             found.append(

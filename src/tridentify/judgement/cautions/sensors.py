@@ -158,9 +158,10 @@ def _seen(
         if (code := coded(y, name + where)) is not None:
             yield code, name
             y = np.where(np.isin(np.arange(y.size), code.samples), np.nan, y)
-        repeated, q = runs(y), quantum(y)
+        repeated, least = runs(y), EXACT * min(noise, fast(y - f))
+        q = quantum(y, 0.0 if repeated.first.size else least)
         own = [repeats := repeating(y, u, q, f, repeated, name + where)]
-        if q < EXACT * min(noise, fast(y - f)):
+        if q < least:
             q = 0.0
         own.append(_coarse(y, q, noise, name + where))
         own += _saturated(y, f, u, q, noise, repeated, name + where)

@@ -43,6 +43,9 @@ class Channel(NamedTuple):
     delay: float
 
 
+Asked = tuple[Channel, Sequence[Array]]
+"""What is driven, and by which (n_samples, k) inputs in each experiment."""
+
 TAILS = (0.05, 0.12, 0.2)
 """Shares of the samples that lie beyond a level, on either side: few samples tell a level that is
 rarely reached, and one that is reached by more than a fifth moves the coefficients first."""
@@ -81,37 +84,37 @@ def bends(view: View, output: int, estimate: Estimate) -> list[Columns]:
     records, shapes = view.records, _shapes(view, output)
     den = estimate.model.den[output][0]
     inner = Channel(np.array([den[-1] or 1.0]), den, 0.0)
-    bent = [np.stack([y**2, y**3, _turns(y)], axis=1) for y in shapes]
-    kinds = zip(*((one[:, :2], one[:, 2:]) for one in _through(inner, records, bent)), strict=True)
-    found = [*kinds, _limits(shapes, TAILS)]
+    kinds: list[list[Asked]] = [
+        [(inner, [np.stack([y**2, y**3], axis=1) for y in shapes])],
+        [(inner, [_turns(y)[:, None] for y in shapes])],
+    ]
     speeds = [np.nan_to_num(one) for one in view.outputs[output].fitted]
     if turns(np.concatenate(speeds)):
-        found.append(_through(inner, records, [np.sign(one)[:, None] for one in speeds]))
-    found += _within(view, output, estimate)
-    powers, limited = [], []
+        kinds.append([(inner, [np.sign(one)[:, None] for one in speeds])])
+    kinds += _within(view, output, estimate)
+    powers: list[Asked] = []
+    limited: list[Asked] = []
     for j in range(records[0].n_inputs):
         own = _channel(estimate, output, j)
         u = _scaled([np.asarray(record.u[:, j]) for record in records])
-        asked = [np.stack([x**2, x**3], axis=1) for x in u]
-        many = np.unique(np.concatenate(u)).size >= LEVELS
-        if many:
-            asked = [np.hstack(both) for both in zip(asked, _limits(u, INPUT_TAILS), strict=True)]
-        driven = _through(own, records, asked)
-        powers.append(tuple(one[:, :2] for one in driven))
-        if many:
-            limited.append(tuple(one[:, 2:] for one in driven))
-    return found + [_beside(several) for several in (powers, limited) if several]
+        powers.append((own, [np.stack([x**2, x**3], axis=1) for x in u]))
+        if np.unique(np.concatenate(u)).size >= LEVELS:
+            limited.append((own, _limits(u, INPUT_TAILS)))
+    kinds += [several for several in (powers, limited) if several]
+    driven = iter(_through([one for kind in kinds for one in kind], records))
+    found = [_beside([next(driven) for _ in kind]) for kind in kinds]
+    return [*found[:2], _limits(shapes, TAILS), *found[2:]]
 
 
-def _within(view: View, output: int, estimate: Estimate) -> list[Columns]:
+def _within(view: View, output: int, estimate: Estimate) -> list[list[Asked]]:
     """What takes hold of a motion within the model, state by state, wherever it comes out."""
-    found = []
+    found: list[list[Asked]] = []
     for j in range(view.records[0].n_inputs):
         own = _channel(estimate, output, j)
+        ways = [Channel(np.eye(k + 1)[0], own.den, 0.0) for k in range(len(own.den) - 1)]
         for state in inner_states(own.den, own.delay, view.records, j):
             held = [one[:, None] for one in gripping(state)]
-            ways = [Channel(np.eye(k + 1)[0], own.den, 0.0) for k in range(len(own.den) - 1)]
-            found.append(_beside([_through(way, view.records, held) for way in ways]))
+            found.append([(way, held) for way in ways])
     return found
 
 
@@ -136,12 +139,12 @@ def late(view: View, output: int, estimate: Estimate) -> list[Columns]:
     n_inputs = view.records[0].n_inputs
     if n_inputs == 1:
         return found
-    several = []
-    for j in range(n_inputs):
-        u = [np.asarray(record.u[:, [j]]) for record in view.records]
-        moved = _through(_channel(estimate, output, j), view.records, u)
-        several.append(tuple(_later(one[:, 0], few) for one in moved))
-    return [*found, _beside(several)]
+    asked = [
+        (_channel(estimate, output, j), [np.asarray(record.u[:, [j]]) for record in view.records])
+        for j in range(n_inputs)
+    ]
+    moved = _through(asked, view.records)
+    return [*found, _beside([tuple(_later(one[:, 0], few) for one in own) for own in moved])]
 
 
 def _later(series: Array, shifts: Sequence[int]) -> Array:
@@ -166,13 +169,24 @@ def _scaled(series: Sequence[Array]) -> list[Array]:
     return [(one - joined.mean()) / size for one in series]
 
 
-def _through(model: Channel, records: Sequence[Record], inputs: Sequence[Array]) -> Columns:
-    """Responses of one transfer function, from rest, to (n_samples, k) inputs."""
-    found = []
-    for record, columns in zip(records, inputs, strict=True):
+def _through(asked: Sequence[Asked], records: Sequence[Record]) -> list[Columns]:
+    """Responses from rest, those over one denominator and delay in one simulation."""
+    together: dict[tuple[bytes, float], list[int]] = {}
+    for k, (model, _) in enumerate(asked):
+        together.setdefault((model.den.tobytes(), model.delay), []).append(k)
+    found: list[list[Array]] = [[] for _ in asked]
+    for e, record in enumerate(records):
         own = record._on_its_times(record.u)
-        found.append(simulate_each(*model, own, columns - columns[0]))
-    return tuple(found)
+        for same in together.values():
+            models, inputs = zip(*((asked[k][0], asked[k][1][e]) for k in same), strict=True)
+            widths = [one.shape[1] for one in inputs]
+            nums = [m.num for m, width in zip(models, widths, strict=True) for _ in range(width)]
+            columns = np.hstack(inputs)
+            first = models[0]
+            driven = simulate_each(nums, first.den, first.delay, own, columns - columns[0])
+            for k, one in zip(same, np.split(driven, np.cumsum(widths)[:-1], axis=1), strict=True):
+                found[k].append(one)
+    return [tuple(one) for one in found]
 
 
 def _turns(y: Array) -> Array:

@@ -89,27 +89,28 @@ def responses(
                 # ones of an input that is not held: what lies between the samples is not known
                 ahead = 1 if record.behaviour == "zoh" else AHEAD
                 moved = np.append(u[ahead:], np.full(ahead, u[-1]))[::-1]
-                columns += [one[::-1] for one in _hats(moved - moved[0], lags)]
+                columns.append(_hats(moved - moved[0], lags)[::-1])
             else:
-                columns += _hats(u, lags)
-        found.append(np.stack(columns, axis=1))
+                columns.append(_hats(u, lags))
+        found.append(np.hstack(columns))
     return tuple(found)
 
 
-def _hats(u: Array, lags: Sequence[int]) -> list[Array]:
-    size = next_fast_len(2 * u.size, real=True)
-    lags = tuple(lags)
+def _hats(u: Array, lags: Sequence[int]) -> Array:
+    """An input through each of several responses, some at a time where the record is long."""
+    size, lags, found = (
+        next_fast_len(2 * u.size, real=True),
+        tuple(lags),
+        np.zeros((u.size, len(lags))),
+    )
     wide = [k for k, (_, shape) in enumerate(_taps(lags)) if shape.size > 1]
-    smoothed = _smoothed(u, size, lags, wide)
-    found = []
-    for k, peak in enumerate(lags):
-        if k in wide:
-            found.append(smoothed[wide.index(k)])
-            continue
+    for k in set(range(len(lags))).difference(wide):
         # one tap: the input itself, later
-        moved = np.zeros(u.size)
-        moved[peak:] = u[: max(u.size - peak, 0)]
-        found.append(moved)
+        found[lags[k] :, k] = u[: max(u.size - lags[k], 0)]
+    spectrum, step = rfft(u, size), max(AT_ONCE // size, 1)
+    for first in range(0, len(wide), step):
+        some = wide[first : first + step]
+        found[:, some] = irfft(spectrum * _spectra(lags, tuple(some), size), size)[:, : u.size].T
     return found
 
 
@@ -123,15 +124,6 @@ def _taps(lags: tuple[int, ...]) -> tuple[tuple[int, Array], ...]:
         at = np.arange(low + 1, high)
         found.append((low + 1, np.minimum((at - low) / (peak - low), (high - at) / (high - peak))))
     return tuple(found)
-
-
-def _smoothed(u: Array, size: int, lags: tuple[int, ...], wide: Sequence[int]) -> list[Array]:
-    """An input through several responses, some at a time where the record is long."""
-    spectrum, found, step = rfft(u, size), [], max(AT_ONCE // size, 1)
-    for first in range(0, len(wide), step):
-        gains = _spectra(lags, tuple(wide[first : first + step]), size)
-        found += list(irfft(spectrum * gains, size)[:, : u.size])
-    return found
 
 
 @lru_cache(maxsize=8)

@@ -36,6 +36,7 @@ from tridentify.judgement.validation.likelihood_ratio import (
     CALLED,
     LONG,
     ROUNDS,
+    Fitted,
     Known,
     checked,
     joined,
@@ -265,8 +266,9 @@ class _Tests:
         if not self.noise.size or not enough < p < WORTH_MODELLING or output.count > LONG:
             return p
         noise = np.zeros(0)
+        both = Fitted(output, joined(known.columns, extra))
         for _ in range(ROUNDS):
-            noise = modelled(output, joined(known.columns, extra), noise, known.most, 0)
+            noise = modelled(output, both, noise, known.most, 0)
         e, basis = whitened(output, noise, known.columns)
         (test,) = added_each(e, basis, [output.white(extra, noise)], output.count)
         return min(p, test.p_value)
@@ -408,8 +410,9 @@ def _noise(output: Output, larger: tuple[Array, ...], free: Callable[[], float])
     noise, most = np.zeros(0), most_coefficients(output.count)
     stated = output.noise.size > 0
     if most and (stated or free() <= PRETEST):
+        fitted = Fitted(output, larger)
         for _ in range(ROUNDS):
-            noise = modelled(output, larger, noise, most, int(stated))
+            noise = modelled(output, fitted, noise, most, int(stated))
     return noise
 
 

@@ -64,11 +64,51 @@ def joined(*several: tuple[Array, ...]) -> tuple[Array, ...]:
     return tuple(np.hstack(one) for one in zip(*several, strict=True))
 
 
+class Fitted:
+    """Columns that are fitted to residuals with the same samples missing."""
+
+    def __init__(self, output: Output, columns: tuple[Array, ...]) -> None:
+        self.columns = columns
+        pairs = zip(output.seen, columns, strict=True)
+        raw = np.vstack([np.where(seen[:, None], one, 0.0) for seen, one in pairs])
+        norms = np.sqrt(np.einsum("ij,ij->j", raw, raw))
+        self._raw, self._norms = raw, np.where(norms > 0, norms, 1.0)
+
+    @cached_property
+    def plain(self) -> Array:
+        """(n, k) orthonormal basis, where the noise is white."""
+        return self.basis(triangle(self._raw / self._norms))[0]
+
+    def basis(self, r: Array) -> tuple[Array, Array]:
+        """Combinations whose whitened ones are orthonormal, and these in the triangle's rows."""
+        u, s, vt = np.linalg.svd(r[:, : self._norms.size], full_matrices=False)
+        kept = s > 1e-6 * s[0]
+        return self._raw @ ((vt[kept].T / s[kept]) / self._norms[:, None]), u[:, kept]
+
+    def left(self, output: Output, noise: Array) -> tuple[Array, Array]:
+        """What is left of the residual, and what the fit takes of noise, a column a direction."""
+        residual = np.concatenate([np.nan_to_num(one) for one in output.residual])
+        if noise.size:
+            beside = zip(self.columns, split(output, residual), strict=True)
+            both = output.white([np.column_stack([c / self._norms, r]) for c, r in beside], noise)
+            # the triangle of the columns and the residual beside them is all that is needed
+            r, white = triangle(both), both[:, -1]
+            own, rows = self.basis(r)
+            along = rows.T @ r[:, -1]
+        else:
+            own, white = self.plain, residual
+            along = own.T @ white
+        freedom = max(output.count - along.size, 1)
+        spread = np.sqrt(max(float(white @ white - along @ along), 0.0) / freedom)
+        return residual - own @ along, spread * own
+
+
 class Known:
     """Columns that are fitted before others are tested beside them; several tests ask the same."""
 
     def __init__(self, output: Output, columns: tuple[Array, ...], noise: Array) -> None:
         self.output, self.columns, self.noise = output, columns, noise
+        self._fitted = Fitted(output, columns)
         self.most = most_coefficients(output.count)
         self._drawn: list[tuple[Output, float]] = []
 
@@ -80,24 +120,24 @@ class Known:
     @cached_property
     def order(self) -> int:
         """Of the noise model that is theirs alone, at least that of the noise."""
-        alone = modelled(self.output, self.columns, np.zeros(0), self.most, 0)
+        alone = modelled(self.output, self._fitted, np.zeros(0), self.most, 0)
         return max(alone.size, self.noise.size)
 
     @cached_property
     def deviance(self) -> tuple[float, int]:
         """As `_deviance`, with a noise model of that order."""
-        return _deviance(self.output, self.columns, self.order, self.most)
+        return _deviance(self.output, self._fitted, self.order, self.most)
 
     @cached_property
     def _draws(self) -> Iterator[Output]:
-        noise = modelled(self.output, self.columns, np.zeros(0), self.most, 0, self.order)
+        noise = modelled(self.output, self._fitted, np.zeros(0), self.most, 0, self.order)
         return _draws(self.output, noise)
 
     def drawn(self, number: int) -> tuple[Output, float]:
         """Noise of such a model in place of the residual, and its deviance."""
         while len(self._drawn) <= number:
             one = next(self._draws)
-            self._drawn.append((one, _deviance(one, self.columns, self.order, self.most)[0]))
+            self._drawn.append((one, _deviance(one, self._fitted, self.order, self.most)[0]))
         return self._drawn[number]
 
 
@@ -127,7 +167,7 @@ def checked(known: Known, extra: tuple[Array, ...], p: float, level: float = CAL
     if order == 0:
         return p
     before, rank = known.deviance
-    both = joined(known.columns, extra)
+    both = Fitted(output, joined(known.columns, extra))
     after, larger = _deviance(output, both, order, known.most)
     k, freedom = larger - rank, output.count - larger - order
     if k < 1 or freedom < 1:
@@ -182,14 +222,12 @@ def least_checked(known: Known, by_score: list[tuple[float, tuple[Array, ...]]])
     return min(1.0, many * least)
 
 
-def _deviance(
-    output: Output, fitted: tuple[Array, ...], order: int, most: int
-) -> tuple[float, int]:
+def _deviance(output: Output, fitted: Fitted, order: int, most: int) -> tuple[float, int]:
     """``-2 log L`` with columns and a noise model of given order, and the rank of the columns."""
     noise = np.zeros(0)
     for _ in range(ROUNDS):
         noise = modelled(output, fitted, noise, most, 0, order)
-    e, basis = whitened(output, noise, fitted)
+    e, basis = whitened(output, noise, fitted.columns)
     scale = sum(whiten(one, noise)[1] for one in output.residual)
     n = output.count
     return n * float(np.log(max(float(e @ e) / n, 1e-300))) + scale, basis.shape[1]
@@ -204,29 +242,14 @@ def whitened(output: Output, noise: Array, fitted: tuple[Array, ...]) -> tuple[A
 
 def modelled(
     output: Output,
-    larger: tuple[Array, ...],
+    larger: Fitted,
     noise: Array,
     most: int,
     fewest: int,
     order: int | None = None,
 ) -> Array:
     """A model of what no column explains, the columns fitted under the model before."""
-    stacked = [np.where(s[:, None], c, 0.0) for s, c in zip(output.seen, larger, strict=True)]
-    raw = np.vstack(stacked)
-    norms = np.sqrt(np.einsum("ij,ij->j", raw, raw))
-    norms = np.where(norms > 0, norms, 1.0)
-    beside = zip(larger, output.residual, strict=True)
-    both = output.white([np.column_stack([c / norms, np.nan_to_num(r)]) for c, r in beside], noise)
-    # the triangle of the columns and the residual beside them is all that is needed of them
-    r, white = triangle(both), both[:, -1]
-    u, s, vt = np.linalg.svd(r[:, :-1], full_matrices=False)
-    kept = s > 1e-6 * s[0]
-    root = (vt[kept].T / s[kept]) / norms[:, None]
-    along = u[:, kept].T @ r[:, -1]
-    freedom = max(output.count - int(kept.sum()), 1)
-    spread = np.sqrt(max(float(white @ white - along @ along), 0.0) / freedom)
-    residual = np.concatenate([np.nan_to_num(one) for one in output.residual])
-    left, took = residual - raw @ (root @ along), spread * (raw @ root)
+    left, took = larger.left(output, noise)
     series, taken = [], []
     pieces = zip(output.seen, split(output, left), split(output, took), strict=True)
     for there, r, t in pieces:
