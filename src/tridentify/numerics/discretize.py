@@ -23,7 +23,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
 
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.recent import recent
@@ -55,6 +54,13 @@ def weight_of(a: Array, b: Array) -> float:
     """
     own, other = max(float(np.abs(a).max(initial=0.0)), 1.0), float(np.abs(b).max(initial=0.0))
     return 2.0 ** round(math.log2(other / own)) if other > LARGER * own else 1.0
+
+
+def exponential(a: Array) -> Array:
+    """``exp(a)`` of a matrix or a stack of them."""
+    from scipy.linalg import expm  # slow to import, and who only reads a file needs none of it
+
+    return np.asarray(expm(a))
 
 
 class Discrete(NamedTuple):
@@ -104,7 +110,7 @@ def discretize(a: Array, b: Array, dt: float, intersample: str = "zoh") -> Discr
         augmented = np.zeros((*stack, n + m, n + m))
         augmented[..., :n, :n] = a * dt
         augmented[..., :n, n:] = b * dt / weight
-        e = scipy.linalg.expm(augmented)
+        e = exponential(augmented)
         e[..., :n, n:] *= weight
         return Discrete(e[..., :n, :n], e[..., :n, n:], np.zeros((*stack, n, m)))
     if intersample != "foh":
@@ -113,7 +119,7 @@ def discretize(a: Array, b: Array, dt: float, intersample: str = "zoh") -> Discr
     augmented[..., :n, :n] = a * dt
     augmented[..., :n, n : n + m] = b * dt / weight
     augmented[..., n : n + m, n + m :] = np.eye(m)
-    e = scipy.linalg.expm(augmented)
+    e = exponential(augmented)
     e[..., :n, n:] *= weight
     held, ramp = e[..., :n, n : n + m], e[..., :n, n + m :]
     return Discrete(e[..., :n, :n], held - ramp, ramp)
