@@ -74,8 +74,8 @@ def test_the_command_line_starts_without_what_few_commands_need() -> None:
 JUDGED = """
 import numpy as np
 from tridentify import Record, Structure, identify
-y = np.random.default_rng(0).standard_normal(120).cumsum()
-found = identify(Record(np.sign(np.sin(np.arange(120) ** 1.3)), y, dt=0.1), Structure(1, 0),
+y = np.random.default_rng(0).standard_normal(40).cumsum()
+found = identify(Record(np.sign(np.sin(np.arange(40) ** 1.3)), y, dt=0.1), Structure(1, 0),
                  throw=False)
 assert found.findings
 """
