@@ -25,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.exponential import exponential
 from tridentify.numerics.recent import recent
 
 KEPT = 256
@@ -54,13 +55,6 @@ def weight_of(a: Array, b: Array) -> float:
     """
     own, other = max(float(np.abs(a).max(initial=0.0)), 1.0), float(np.abs(b).max(initial=0.0))
     return 2.0 ** round(math.log2(other / own)) if other > LARGER * own else 1.0
-
-
-def exponential(a: Array) -> Array:
-    """``exp(a)`` of a matrix or a stack of them."""
-    from scipy.linalg import expm  # slow to import, and who only reads a file needs none of it
-
-    return np.asarray(expm(a))
 
 
 class Discrete(NamedTuple):

@@ -30,7 +30,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial import chebyshev
 
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.discretize import exponential, weight_of
+from tridentify.numerics.discretize import weight_of
+from tridentify.numerics.exponential import exponential
 
 HALF = 32
 BETA = 12.0
