@@ -8,7 +8,7 @@ workbench is built on both.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Literal
@@ -276,10 +276,30 @@ def _seconds(text: str) -> float:
 
 
 def _knowledge(chosen: Mapping[str, str]) -> dict[str, Any]:
-    pairs = _named("bounds", chosen["bounds"], rf"({NUMBER})?\s*:\s*({NUMBER})?", "a1=0:3")
-    spreads = _named("priors", chosen["priors"], rf"({NUMBER})\s*\+-\s*({NUMBER})", "a0=12+-0.5")
-    fixed = _named("fixed", chosen["fixed"], rf"({NUMBER})", "a0=12")
-    found = {
+    examples = {"bounds": "a1=0:3", "priors": "a0=12+-0.5", "fixed": "a0=12"}
+    found = read_knowledge(lambda kind, value: _named(kind, chosen[kind], value, examples[kind]))
+    return {name: values for name, values in found.items() if values}
+
+
+def read_knowledge(parts: Callable[[str, str], Mapping[str, tuple[str, ...]]]) -> dict[str, Any]:
+    """What is known of coefficients, as `Structure` takes it.
+
+    Parameters
+    ----------
+    parts : callable
+        Takes ``fixed``, ``bounds`` or ``priors`` and what a value of this kind looks like, a
+        regular expression; gives the groups of each value by the name of the coefficient.
+
+    Examples
+    --------
+    >>> texts = {"fixed": {"a0": ("3",)}, "bounds": {"b0": ("0", None)}, "priors": {}}
+    >>> read_knowledge(lambda kind, value: texts[kind])
+    {'fixed': {'a0': 3.0}, 'bounds': {'b0': (0.0, None)}, 'priors': {}}
+    """
+    pairs = parts("bounds", rf"({NUMBER})?\s*:\s*({NUMBER})?")
+    spreads = parts("priors", rf"({NUMBER})\s*\+-\s*({NUMBER})")
+    fixed = parts("fixed", rf"({NUMBER})")
+    return {
         "fixed": {name: float(value) for name, (value,) in fixed.items()},
         "bounds": {
             name: (float(low) if low else None, float(high) if high else None)
@@ -287,7 +307,6 @@ def _knowledge(chosen: Mapping[str, str]) -> dict[str, Any]:
         },
         "priors": {name: (float(mean), float(std)) for name, (mean, std) in spreads.items()},
     }
-    return {name: values for name, values in found.items() if values}
 
 
 def known_parameters(chosen: Mapping[str, str]) -> dict[str, float | tuple[float, float]]:

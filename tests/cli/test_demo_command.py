@@ -19,7 +19,7 @@ from tridentify.cli import demo_command, main
 from tridentify.cli.run import estimate_model
 from tridentify.cli.terminal import own_command
 
-pytestmark = pytest.mark.undrawn
+pytestmark = [pytest.mark.undrawn, pytest.mark.unjudged]
 
 NUMERATORS = [
     "b1 s + b0, with noise",

@@ -58,6 +58,13 @@ def test_nothing_heavy_is_loaded(statement: str) -> None:
     assert sorted(loaded.intersection(HEAVY)) == []
 
 
+def test_a_reader_of_files_waits_for_no_mathematics() -> None:
+    """Every file of a binary format is read in a process of its own, which loads this."""
+    loaded = loaded_after("import tridentify.record.formats.arrow, tridentify.record.formats.mdf")
+    assert "tridentify.record.record" in loaded
+    assert sorted(one for one in loaded if one.split(".")[0] in ("scipy", "numba")) == []
+
+
 def test_the_command_line_starts_without_what_few_commands_need() -> None:
     loaded = loaded_after("import tridentify.cli.app")
     slow = {"scipy.signal", "scipy.stats", "scipy.integrate", "matplotlib", "jinja2", "numba"}
@@ -67,8 +74,8 @@ def test_the_command_line_starts_without_what_few_commands_need() -> None:
 JUDGED = """
 import numpy as np
 from tridentify import Record, Structure, identify
-y = np.random.default_rng(0).standard_normal(120).cumsum()
-found = identify(Record(np.sign(np.sin(np.arange(120) ** 1.3)), y, dt=0.1), Structure(1, 0),
+y = np.random.default_rng(0).standard_normal(40).cumsum()
+found = identify(Record(np.sign(np.sin(np.arange(40) ** 1.3)), y, dt=0.1), Structure(1, 0),
                  throw=False)
 assert found.findings
 """

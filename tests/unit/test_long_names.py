@@ -27,6 +27,8 @@ from tridentify.report import write_report
 from tridentify.report.tables import course_tables, result_tables
 from tridentify.writing.layout import IN_PICTURES, IN_TABLES
 
+pytestmark = pytest.mark.unjudged
+
 LONGEST = 200
 """Characters of the longest name that a record takes."""
 

@@ -100,7 +100,7 @@ CASES = {
 }
 
 
-@pytest.mark.fast("delay grows", "rate limit", "output early")
+@pytest.mark.fast("delay grows", "rate limit")
 @pytest.mark.parametrize("kind", CASES)
 def test_what_the_recording_did_is_named_first(kind):
     made, code, words = CASES[kind]

@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Literal, TypeVar
 
-from tridentify.cli.knowledge import NUMBER
 from tridentify.errors import ChannelCountError, OptionError, OrderError, shown
 from tridentify.estimation.methods.base import Method
+from tridentify.options import NUMBER
 
 Number = TypeVar("Number", int, float)
 

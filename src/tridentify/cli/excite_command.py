@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from tridentify.cli.knowledge import NUMBER
 from tridentify.cli.stored_models import model_file
 from tridentify.cli.terminal import say, show, show_json
 from tridentify.errors import OptionError, shown
+from tridentify.options import NUMBER
 
 if TYPE_CHECKING:
     from tridentify.estimation.answer.estimate import Estimate

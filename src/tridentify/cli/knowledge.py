@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from tridentify.errors import ChannelCountError, OptionError, shown
+from tridentify.options import NUMBER, read_knowledge
 
-NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _NAME = r"\s*([^\s=]+)\s*=\s*"
 
 
@@ -47,24 +47,17 @@ def known_from(
     {'fixed': {'a0': 3.0}, 'bounds': {'b0': (0.0, None)}, 'priors': {'a1': (1.0, 0.1)}, \
 'static_gain': 2.0}
     """
-    pairs = _by_name("--bound", bounds, rf"({NUMBER})?\s*:\s*({NUMBER})?", "b0=0: or b0=0:5")
-    spreads = _by_name("--prior", priors, rf"({NUMBER})\s*\+-\s*({NUMBER})", "a0=3+-0.1")
-    return {
-        "fixed": {
-            name: float(value)
-            for name, (value,) in _by_name("--fix", fixed, rf"({NUMBER})", "a0=3").items()
-        },
-        "bounds": {
-            name: (float(low) if low else None, float(high) if high else None)
-            for name, (low, high) in pairs.items()
-        },
-        "priors": {name: (float(mean), float(std)) for name, (mean, std) in spreads.items()},
-        "static_gain": _gain(gains),
+    given = {
+        "bounds": ("--bound", bounds, "b0=0: or b0=0:5"),
+        "priors": ("--prior", priors, "a0=3+-0.1"),
+        "fixed": ("--fix", fixed, "a0=3"),
     }
+    found = read_knowledge(lambda kind, value: _by_name(*given[kind], value))
+    return {**found, "static_gain": _gain(gains)}
 
 
 def _by_name(
-    option: str, given: Sequence[str], value: str, example: str
+    option: str, given: Sequence[str], example: str, value: str
 ) -> dict[str, tuple[str, ...]]:
     found: dict[str, tuple[str, ...]] = {}
     for text in given:

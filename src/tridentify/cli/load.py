@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from tridentify.cli.knowledge import NUMBER
 from tridentify.cli.stretches import Stretch, masked, pieces
 from tridentify.cli.terminal import Activity
 from tridentify.errors import (
@@ -25,6 +24,7 @@ from tridentify.errors import (
     shown,
 )
 from tridentify.numerics.arrays import Array
+from tridentify.options import NUMBER
 from tridentify.record.checks.names import did_you_mean
 from tridentify.record.formats.assemble import (
     JITTER,

@@ -10,9 +10,9 @@ from typing import Any
 from rich.table import Table
 
 from tridentify.cli import tables
-from tridentify.cli.knowledge import NUMBER
 from tridentify.cli.terminal import show, show_json
 from tridentify.errors import ChannelCountError, OptionError, UnitMismatchError, shown
+from tridentify.options import NUMBER
 from tridentify.physical import MODELS, PhysicalModel
 from tridentify.physical.channels import match_channels
 from tridentify.record.record import Record

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from tridentify.cli.knowledge import NUMBER
 from tridentify.errors import OptionError, shown
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.options import NUMBER
 
 if TYPE_CHECKING:
     from tridentify.online import Estimator

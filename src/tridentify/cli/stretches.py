@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tridentify.cli.knowledge import NUMBER
 from tridentify.errors import OptionError, shown
+from tridentify.options import NUMBER
 from tridentify.record.checks.times import time_slack
 from tridentify.record.record import Record
 

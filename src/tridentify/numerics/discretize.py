@@ -23,9 +23,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
 
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.exponential import exponential
 from tridentify.numerics.recent import recent
 
 KEPT = 256
@@ -104,7 +104,7 @@ def discretize(a: Array, b: Array, dt: float, intersample: str = "zoh") -> Discr
         augmented = np.zeros((*stack, n + m, n + m))
         augmented[..., :n, :n] = a * dt
         augmented[..., :n, n:] = b * dt / weight
-        e = scipy.linalg.expm(augmented)
+        e = exponential(augmented)
         e[..., :n, n:] *= weight
         return Discrete(e[..., :n, :n], e[..., :n, n:], np.zeros((*stack, n, m)))
     if intersample != "foh":
@@ -113,7 +113,7 @@ def discretize(a: Array, b: Array, dt: float, intersample: str = "zoh") -> Discr
     augmented[..., :n, :n] = a * dt
     augmented[..., :n, n : n + m] = b * dt / weight
     augmented[..., n : n + m, n + m :] = np.eye(m)
-    e = scipy.linalg.expm(augmented)
+    e = exponential(augmented)
     e[..., :n, n:] *= weight
     held, ramp = e[..., :n, n : n + m], e[..., :n, n + m :]
     return Discrete(e[..., :n, :n], held - ramp, ramp)

@@ -8,11 +8,17 @@ root is computed and nothing is inverted, so that repeated poles and poles at ze
 from __future__ import annotations
 
 import numpy as np
-import scipy.linalg
 
 from tridentify.numerics.arrays import Array
 
 SAME_STEP = 1e-12
+
+
+def exponential(a: Array) -> Array:
+    """``exp(a)`` of a matrix or a stack of them."""
+    from scipy.linalg import expm  # slow to import, and who only reads a file needs none of it
+
+    return np.asarray(expm(a))
 
 
 def exponentials(matrices: Array) -> Array:
@@ -37,7 +43,7 @@ def exponentials(matrices: Array) -> Array:
     """
     sound = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))
     with np.errstate(over="ignore", invalid="ignore"):
-        result = np.asarray(scipy.linalg.expm(np.where(sound[:, None, None], matrices, 0.0)))
+        result = exponential(np.where(sound[:, None, None], matrices, 0.0))
     result[~sound] = np.nan
     return result
 

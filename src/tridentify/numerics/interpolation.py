@@ -26,12 +26,12 @@ import math
 from functools import cache
 
 import numpy as np
-import scipy.linalg
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial import chebyshev
 
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.discretize import weight_of
+from tridentify.numerics.exponential import exponential
 
 HALF = 32
 BETA = 12.0
@@ -130,7 +130,7 @@ def moments(a: Array, b: Array, length: float) -> tuple[Array, Array]:
     # the drive is linear in b, whose size is that of the unit of time: it is not to be squared
     weight = weight_of(block[:q, :q], length * b)
     block[:q, q:] = (length / weight) * np.outer(b, (-1.0) ** np.arange(DEGREE + 1))
-    whole = np.asarray(scipy.linalg.expm(block))
+    whole = exponential(block)
     return np.ascontiguousarray(whole[:q, :q]), np.ascontiguousarray(weight * whole[:q, q:])
 
 

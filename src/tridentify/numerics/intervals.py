@@ -29,10 +29,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
 
 from tridentify.numerics.arrays import Array, Indices
 from tridentify.numerics.discretize import weight_of
+from tridentify.numerics.exponential import exponential
 
 BASE = 64
 MOST_TABULATED = 128
@@ -187,7 +187,7 @@ def _exponentials(a: Array, b: Array, lengths: Array, slopes: Array) -> Array:
     matrix[:, :q, :q] = lengths[:, None, None] * a
     matrix[:, :q, q] = lengths[:, None] * b
     matrix[:, q, q + 1] = slopes
-    return np.asarray(scipy.linalg.expm(matrix))
+    return exponential(matrix)
 
 
 def _has_pairs_only(a: Array) -> bool:

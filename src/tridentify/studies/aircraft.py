@@ -43,7 +43,7 @@ from tridentify.errors import OptionError, TridentifyError
 from tridentify.estimation.answer.trace import Status
 from tridentify.estimation.methods.base import Method
 from tridentify.estimation.methods.three_model import ThreeModel
-from tridentify.identify import identify
+from tridentify.identify import search
 from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
@@ -311,5 +311,5 @@ def _apply(study: AircraftStudy, estimator: int, record: Record) -> tuple[Array,
     method: Method = ThreeModel()
     if estimator == 1:
         method = ThreeModel.paper(study.gamma, 3, FILTER, study.passes)
-    estimate = identify(record, STRUCTURE, method, throw=False)
+    estimate = search(record, STRUCTURE, method).estimate
     return estimate.theta, estimate.status
