@@ -20,7 +20,7 @@ from tridentify.estimation.answer.trace import FAR_LIKELIER
 from tridentify.estimation.methods.predictor import predictor_noise
 from tridentify.judgement.causes.feedback import GUARD, Inputs, by_predictor
 from tridentify.judgement.cautions.residual import far_likelier
-from tridentify.judgement.direct import widened
+from tridentify.judgement.direct import NOT_INDEPENDENT, widened
 
 PLANT, COLOUR, DT = loops.System.of([1.0], [1.0, 1.0]), 0.9, 0.2
 TRUTH = np.array([1.0, 1.0])
@@ -193,3 +193,31 @@ def test_nothing_is_likelier_in_open_loop_whether_or_not_the_order_is_right(orde
     noise = lfilter([1.0], [1.0, -0.8], rng.standard_normal((u.size, 1)), axis=0)
     estimate = ThreeModel().estimate([Record(u, y + 0.05 * noise, dt=0.1)], Structure(order, 0))
     assert not far_likelier(estimate)
+
+
+def rubbing_drive(seed: int, n: int = 800) -> Record:
+    """A position-controlled mass with dry friction, which no model of the noise stands for."""
+    rng = np.random.default_rng(seed)
+    mass, viscous, dry, dt, parts = 100.0, 200.0, 40.0, 0.01, 10
+    reference = lfilter([0.06], [1.0, -0.94], np.repeat(rng.uniform(-0.2, 0.2, n // 80), 80))
+    x = v = before = slope = 0.0
+    u, y = np.empty(n), np.empty(n)
+    for k in range(n):
+        y[k] = x + 2e-5 * rng.standard_normal()
+        slope, before = 0.6 * slope + 0.4 * (y[k] - before) / dt, y[k]
+        u[k] = 15.0 * mass * (4.0 * (reference[k] - y[k]) - slope)
+        for _ in range(parts):
+            v += dt / parts * (u[k] - viscous * v - dry * np.tanh(v / 1e-3)) / mass
+            x += dt / parts * v
+    return Record(u, y, dt=dt, intersample="zoh")
+
+
+def test_errors_reach_as_far_as_white_noise_where_the_innovations_hold_the_past(found):
+    record, integrating = rubbing_drive(4), Structure(2, 0, fixed={"a0": 0.0})
+    plain = ThreeModel(route="direct").estimate([record], integrating)
+    wider = widened(plain, [record])
+    assert any(one.startswith(NOT_INDEPENDENT) for one in wider.trace.decisions)
+    white = identify(record, integrating, ThreeModel(noise="white", route="open-loop"))
+    assert np.all(wider.std >= 0.9 * np.abs(white.theta - wider.theta))
+    assert wider.std[-1] > 1.5 * plain.std[-1]
+    assert not any(one.startswith(NOT_INDEPENDENT) for one in found.trace.decisions)

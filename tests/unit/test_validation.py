@@ -488,3 +488,12 @@ def test_another_piece_in_which_nothing_moves_tells_nothing_of_the_coefficients(
     assert checked.transfer is not None
     assert np.isnan(checked.transfer.coefficients_p_value)
     assert np.all(np.isfinite(checked.fit))
+
+
+def test_samples_identified_by_their_interval_are_known_again_on_a_clock_from_elsewhere():
+    u = prbs()
+    record = recorded(u, response(u) + noise())
+    late = Record(record.u, record.y, t=37.5 + DT * np.arange(N), **NAMES)
+    estimate, other = identify(record, *white()), recorded(u, response(u) + noise(seed=7))
+    own = [validate(estimate, one).notes[0].startswith("the record that") for one in (late, other)]
+    assert own == [True, False]

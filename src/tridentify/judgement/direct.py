@@ -18,8 +18,10 @@ from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.answer.trace import BETWEEN_DECIDES, NO_END_TOGETHER
+from tridentify.estimation.likelihood.answer import widened_by
 from tridentify.estimation.likelihood.question import silently
 from tridentify.estimation.methods.base import Method, Progress
+from tridentify.estimation.methods.explained import explained_records
 from tridentify.estimation.methods.in_loop import found_together
 from tridentify.estimation.methods.not_stable import unless_unstable
 from tridentify.estimation.methods.output_error import OutputError
@@ -55,6 +57,9 @@ KNOWN = (
 
 NOT_EXPLAINED = 1e-4
 """p-value of past inputs and outputs in the innovations, from which the direct route has failed."""
+
+NOT_INDEPENDENT = "the innovations hold past samples, errors reach as far as those of white weights"
+"""Beginning of a decision."""
 
 
 def directly(
@@ -186,7 +191,25 @@ def widened(estimate: Estimate, records: Sequence[Record], *, stated: bool = Tru
     view = None if estimate.draws.size else own_look(estimate, records)
     if view is not None and view.has_errors:
         estimate = _allowing(estimate, view)
-    return found_together(estimate, records, stated=stated)
+    return _doubted(found_together(estimate, records, stated=stated), records)
+
+
+def _doubted(estimate: Estimate, records: Sequence[Record]) -> Estimate:
+    """With errors that reach as far as those of white weights, where no model of the noise holds.
+
+    Where innovations hold past samples, neither answer is that of a likelihood. That of white
+    weights has errors from the scatter of its scores, and the other one is as far from the truth as
+    it is from that one, and that one from the truth.
+    """
+    # the output of a plant that is not stable is explained by a predictor, not by a simulation
+    shown = explained_records(estimate, records) is not None
+    white = _white(estimate, records) if shown and _fails(estimate, records) else None
+    if white is None:
+        return estimate
+    moves = (white.theta - estimate.theta, *root_of(white).T)
+    cov, draws = widened_by(estimate.cov, estimate.draws, moves)
+    told = estimate.trace.told(f"{NOT_INDEPENDENT}: {_apart(estimate, white)}")
+    return replace(estimate, cov=cov, draws=draws, trace=told)
 
 
 def _allowing(estimate: Estimate, view: View) -> Estimate:
@@ -233,13 +256,18 @@ def about_direct(
     """
     if estimate.route != "direct":
         return tuple(findings)
-    weak, undecided = _fails(estimate, records), _undecided(estimate)
+    doubted = [one for one in estimate.trace.decisions if one.startswith(NOT_INDEPENDENT)]
+    weak, undecided = bool(doubted) or _fails(estimate, records), _undecided(estimate)
+    hangs = doubted[0].partition(": ")[2] if doubted else ""
+    if not (hangs or undecided):
+        white = _white(estimate, records)
+        hangs = "" if white is None else _apart(estimate, white)
     found = [
         replace(
             one,
             severity="error" if weak or undecided else one.severity,
             effect=_sentences(
-                _said(weak), undecided, "" if undecided else _apart(estimate, records), one.effect
+                _said(weak, bool(doubted)), undecided, "" if undecided else hangs, one.effect
             ),
             remedy=_with_statement(_remedy(one), undecided),
         )
@@ -280,7 +308,7 @@ def _alone(estimate: Estimate) -> Finding:
         "The input reacts to the output (feedback), and no reference says what else moved it.",
         _with_statement(f"{KNOWN[0].upper()}{KNOWN[1:]}", undecided),
         estimate.output_names,
-        effect=_sentences(_said(False), undecided),
+        effect=_sentences(_said(), undecided),
     )
 
 
@@ -324,11 +352,12 @@ def _fails(estimate: Estimate, records: Sequence[Record]) -> bool:
     return False
 
 
-def _said(weak: bool) -> str:
+def _said(weak: bool = False, wide: bool = False) -> str:
     if weak:
         return (
             "Not even with a model of the noise (direct route) are the innovations independent of "
             "past samples: the numbers are biased"
+            + (", and their errors reach as far as those with white noise do" if wide else "")
         )
     return (
         "Estimated by the direct route: the numbers are as good as the model of the noise; "
@@ -336,14 +365,18 @@ def _said(weak: bool) -> str:
     )
 
 
-def _apart(estimate: Estimate, records: Sequence[Record]) -> str:
-    """By how much the coefficients differ from those with white weights."""
+def _white(estimate: Estimate, records: Sequence[Record]) -> Estimate | None:
+    """The estimate with white weights, from the same beginning; None where there is none."""
     try:
         white = OutputError(start=estimate.model).estimate(list(records), estimate.structure)
     except TridentifyError:
-        return ""
-    if white.theta.shape != estimate.theta.shape:
-        return ""
+        return None
+    alike = white.status.ok and white.theta.shape == estimate.theta.shape
+    return white if alike and np.isfinite(white.cov).all() else None
+
+
+def _apart(estimate: Estimate, white: Estimate) -> str:
+    """By how much the coefficients differ from those with white weights."""
     size = np.abs(white.theta - estimate.theta) / np.where(estimate.std > 0, estimate.std, np.inf)
     k = int(np.argmax(size))
     if size[k] < DECIDES:

@@ -162,7 +162,7 @@ def solved_at(
     draws = np.zeros((0, 0)) if own is None else own.draws
     if judged and ending.moved is not None:
         words += (in_words(ending.moved, np.sqrt(np.diag(cov))),)
-        cov, draws, scores = *_widened(cov, draws, ending.moved), True
+        cov, draws, scores = *widened_by(cov, draws, (ending.moved,)), True
     return Solved(
         structure=ending.nuisances.resolved(structure),
         model=model_of(point.problem, theta, records[0]),
@@ -185,12 +185,14 @@ def solved_at(
     )
 
 
-def _widened(cov: Array, draws: Array, moved: Array) -> tuple[Array, Array]:
-    """Covariance and draws with what other weights make of the coefficients."""
-    if draws.size:
-        steps = ndtri((np.arange(len(draws)) + 0.5) / len(draws))
-        draws = draws + np.outer(np.random.default_rng(0).permutation(steps), moved)
-    return cov + np.outer(moved, moved), draws
+def widened_by(cov: Array, draws: Array, moves: Sequence[Array]) -> tuple[Array, Array]:
+    """Covariance and draws with moves of the coefficients, each as likely as a standard error."""
+    rng = np.random.default_rng(0)
+    steps = ndtri((np.arange(len(draws)) + 0.5) / len(draws)) if draws.size else np.empty(0)
+    for moved in moves:
+        cov = cov + np.outer(moved, moved)
+        draws = draws + np.outer(rng.permutation(steps), moved) if draws.size else draws
+    return cov, draws
 
 
 def _unused(problem: Problem) -> tuple[str, ...]:

@@ -28,14 +28,17 @@ import numpy as np
 
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.judgement.causes.attempt import Attempt
 from tridentify.judgement.causes.direct_part import has_direct_part
 from tridentify.judgement.causes.explain import explain, settle, sharpened
 from tridentify.judgement.causes.explanation import CLEARLY
 from tridentify.judgement.causes.present import Present
 from tridentify.judgement.causes.revisit import poles_of_estimate, problem_of, stated
+from tridentify.judgement.causes.slow import slow_waves
 from tridentify.judgement.selection.result import SelectionRow
 from tridentify.judgement.selection.rule import USELESS
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.lagrange import span
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 
@@ -95,7 +98,8 @@ def delayed(
         `CLEARLY` than that of every row that has as many coefficients: a delay is then worth more
         than a pole or a zero is.
     """
-    if place is None or not _is_able(rows[place]):
+    place = None if place is None else _free(rows, place)
+    if place is None:
         return []
     best = rows[place].estimate
     assert best is not None
@@ -122,6 +126,13 @@ def delayed(
     return [one.structure for one in sorted(kept)[:MOST]]
 
 
+def _free(rows: Sequence[SelectionRow], place: int) -> int | None:
+    """The row itself, or that with its pole at zero free: a slow drift makes one beside lags."""
+    sizes = [(one.structure.poles, one.structure.zeros) for one in rows]
+    alike = (k for k, row in enumerate(rows) if sizes[k] == sizes[place] and _is_able(row))
+    return next(alike, None)
+
+
 def _settled(rows: Sequence[SelectionRow], place: int, records: Sequence[Record]) -> list[_Plain]:
     """The rows as they are up to the size of the recommended one, on its terms."""
     best = rows[place].estimate
@@ -133,13 +144,24 @@ def _settled(rows: Sequence[SelectionRow], place: int, records: Sequence[Record]
         assert row.estimate is not None
         end = settle(_present(row.estimate, records, best.noise_model))
         if end is not None:
-            found.append(_Plain(k, row.n_coefficients, end.criterion, _left(end.fits)))
+            found.append(_Plain(k, row.n_coefficients, end.criterion, _left(end)))
     return found
 
 
-def _left(fits: Array) -> float:
-    """Share of the outputs' variance that is not explained."""
-    return float(np.mean((1.0 - fits / 100.0) ** 2))
+def _left(end: Attempt) -> float:
+    """Share of the outputs' variance that is not explained, what moves slowly left aside.
+
+    Further lags follow a slow disturbance that noise is to stand for beside a delay.
+    """
+    rest = np.zeros_like(end.spread)
+    for residual in end.residuals():
+        place = np.linspace(0.0, 1.0, len(residual))
+        slow = np.column_stack([np.ones_like(place), slow_waves(place)])
+        for i, one in enumerate(residual.T):
+            seen = np.isfinite(one)
+            basis = span(slow[seen])
+            rest[i] += float(np.sum((one[seen] - basis @ (basis.T @ one[seen])) ** 2))
+    return float(np.mean(rest / end.spread))
 
 
 def _is_worth_more(late: _Late, plain: Sequence[_Plain]) -> bool:
@@ -173,7 +195,7 @@ def _fitted(row: SelectionRow, records: Sequence[Record], noise: Sequence[Array]
     criterion = explained.present.criterion - first.gain
     delays = records[0].n_outputs * records[0].n_inputs
     size = row.n_coefficients
-    return _Late(size, criterion, late, _left(first.fits(explained.present)), size + delays)
+    return _Late(size, criterion, late, _left(first.attempts[0]), size + delays)
 
 
 def direct_and_delayed(
@@ -282,4 +304,4 @@ def _direct(row: SelectionRow, records: Sequence[Record], noise: Sequence[Array]
     late = replace(row.structure, zeros=n, delay=float(first.rival.parts[0].delay[0, 0]))
     criterion = explained.present.criterion - first.gain
     size = row.n_coefficients + 1
-    return _Late(size, criterion, late, _left(first.fits(explained.present)), size + 1)
+    return _Late(size, criterion, late, _left(first.attempts[0]), size + 1)

@@ -36,7 +36,12 @@ from tridentify.judgement.validation.evidence import (
 from tridentify.judgement.validation.known_causes import KnownCauses
 from tridentify.judgement.validation.likelihood_ratio import CALLED
 from tridentify.judgement.validation.phrases import decapitalised
-from tridentify.judgement.validation.remembered import kept_look, remember, remembered
+from tridentify.judgement.validation.remembered import (
+    kept_look,
+    on_its_clock,
+    remember,
+    remembered,
+)
 from tridentify.judgement.validation.residuals import View, look
 from tridentify.judgement.validation.result import (
     Check,
@@ -130,7 +135,7 @@ def validate(
             f"found {type(estimate).__name__} in place of an estimate; expected what identify or "
             "Estimate.load gives, before the record; write validate(estimate, record)"
         )
-    records = [one.settled(estimate.intersample) for one in _listed(record)]
+    records = on_its_clock(estimate, record)
     if not (isinstance(level, float) and 0.5 <= level < 1.0):
         raise OptionError(
             f"found level={level!r}; expected a probability from 0.5 to below 1; write level=0.99"
@@ -289,17 +294,6 @@ def _explained(estimate: Estimate, records: Sequence[Record]) -> Sequence[Record
             "found an estimate of a plant that is not stable, or one by the reference route and a "
             "record without a reference; expected a stable model and the reference; compare the "
             "coefficients of two records in place of it"
-        )
-    return found
-
-
-def _listed(record: Record | Sequence[Record]) -> list[Record]:
-    found = [record] if isinstance(record, Record) else list(record)
-    if not found or not all(isinstance(one, Record) for one in found):
-        what = type(found[0]).__name__ if found else "nothing"
-        raise SampleTypeError(
-            f"found {what} in place of a record; expected a Record or a list of them; write "
-            "Record(u, y, dt=...)"
         )
     return found
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from tridentify.errors import SampleTypeError
 from tridentify.estimation.answer.assemble import fingerprint
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.validation.residuals import View
@@ -114,6 +115,42 @@ def kept_look(
         return last.view
     found = made()
     _looks[:] = [_Look(judged, tuple(records), found)]
+    return found
+
+
+def on_its_clock(estimate: Estimate, given: Record | Sequence[Record]) -> list[Record]:
+    """A list of the records, on the times of the estimate where they are those identified.
+
+    Samples that were identified by their interval alone come with a clock from elsewhere.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    given : Record or sequence of Record
+
+    Raises
+    ------
+    SampleTypeError
+        Something else is among them.
+    """
+    records = [one.settled(estimate.intersample) for one in _listed(given)]
+    if estimate.dt is None or fingerprint(records) == estimate.record_fingerprint:
+        return records
+    counted = [
+        one._derive(t=estimate.dt * np.arange(one.n_samples), dt=estimate.dt) for one in records
+    ]
+    own = fingerprint(counted) == estimate.record_fingerprint
+    return counted if own else records
+
+
+def _listed(record: Record | Sequence[Record]) -> list[Record]:
+    found = [record] if isinstance(record, Record) else list(record)
+    if not found or not all(isinstance(one, Record) for one in found):
+        what = type(found[0]).__name__ if found else "nothing"
+        raise SampleTypeError(
+            f"found {what} in place of a record; expected a Record or a list of them; write "
+            "Record(u, y, dt=...)"
+        )
     return found
 
 
