@@ -128,7 +128,11 @@ def _between(
     other: Behaviour = "foh" if held else "zoh"
     ways = (
         open_loops([with_input(one, np.asarray(one.u), other) for one in records]),
-        [Loop(Foretold.of(one), "continuous") for one in records],
+        # of a held record this input would be held too
+        [
+            Loop(Foretold.of(with_input(one, np.asarray(one.u), "foh")), "continuous")
+            for one in records
+        ],
     )
     away = [np.zeros(n)]
     for loops in ways:
