@@ -172,6 +172,22 @@ def test_no_loop_is_confident_and_wrong_where_nobody_knows_between_the_samples()
     assert sum(wrong and not told for wrong, told in found) <= 1
 
 
+@pytest.mark.parametrize("seed", [720_004, 720_005])
+def test_a_record_taken_as_held_is_tried_as_moving_between_its_samples(seed):
+    drawn = loops.draw(
+        seed,
+        n=200,
+        snr=20.0,
+        of=lambda law, kind: kind == "P" and not law.sampled,
+        keep=lambda one: one.poles.size == 1,
+    )
+    record = Record(drawn.record.u, drawn.record.y, dt=drawn.record.dt, intersample="zoh")
+    estimate = ThreeModel(route="direct").estimate([record], drawn.structure)
+    found = found_together(estimate, [record], stated=False)
+    assert any(one.startswith(BETWEEN_DECIDES) for one in found.trace.decisions)
+    assert np.all(found.std > 3.0 * found_together(estimate, [record]).std)
+
+
 def test_an_input_is_foretold_whatever_its_reference_does():
     rng = np.random.default_rng(2)
     n = 400
