@@ -7,12 +7,14 @@ from dataclasses import replace
 import loops
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from tridentify import Record, Structure, ThreeModel, identify
 from tridentify.estimation.answer.trace import BETWEEN_DECIDES
 from tridentify.estimation.closed_loop.as_recorded import foretold
-from tridentify.estimation.closed_loop.joint import Together, descended, together
+from tridentify.estimation.closed_loop.joint import Together, descended
 from tridentify.estimation.closed_loop.predictor import Plant
+from tridentify.estimation.closed_loop.settled import together
 from tridentify.estimation.closed_loop.unstable_answer import open_loops
 from tridentify.estimation.closed_loop.unstable_starts import starting_plants
 from tridentify.estimation.methods.in_loop import found_together
@@ -170,6 +172,22 @@ def test_no_loop_is_confident_and_wrong_where_nobody_knows_between_the_samples()
     assert sum(wrong and not told for wrong, told in found) <= 1
 
 
+@pytest.mark.parametrize("seed", [720_004, 720_005])
+def test_a_record_taken_as_held_is_tried_as_moving_between_its_samples(seed):
+    drawn = loops.draw(
+        seed,
+        n=200,
+        snr=20.0,
+        of=lambda law, kind: kind == "P" and not law.sampled,
+        keep=lambda one: one.poles.size == 1,
+    )
+    record = Record(drawn.record.u, drawn.record.y, dt=drawn.record.dt, intersample="zoh")
+    estimate = ThreeModel(route="direct").estimate([record], drawn.structure)
+    found = found_together(estimate, [record], stated=False)
+    assert any(one.startswith(BETWEEN_DECIDES) for one in found.trace.decisions)
+    assert np.all(found.std > 3.0 * found_together(estimate, [record]).std)
+
+
 def test_an_input_is_foretold_whatever_its_reference_does():
     rng = np.random.default_rng(2)
     n = 400
@@ -190,3 +208,50 @@ def test_what_the_route_cannot_do_stays_as_it_was():
     asked = Structure(1, 0, fixed={"a0": 1.0})
     estimate = ThreeModel(route="direct").estimate([drawn.record], asked)
     assert found_together(estimate, [drawn.record]) is estimate
+
+
+def risen(here: Together, k: int, value: float) -> float:
+    """By how much the innovations are larger with one coefficient held [their variance]."""
+    n = here.plant.theta.size
+    found = np.concatenate([here.plant.theta, here.noise])
+    sizes = np.sqrt(np.diag(here.cov))
+    others = np.arange(found.size) != k
+
+    def left(moved: np.ndarray) -> np.ndarray:
+        place = found.copy()
+        place[k] = value
+        place[others] += moved * sizes[others]
+        plant = here.plant.with_theta(place[:n])
+        return Together.at(here.loops, plant, place[n:]).innovations
+
+    along = here.cov[others, k] / here.cov[k, k] * (value - found[k]) / sizes[others]
+    best = least_squares(left, along).fun
+    return float(best @ best - here.size) / (here.size / (here.count - here.unknowns))
+
+
+@pytest.mark.parametrize("seed", [768, 791, 817])
+def test_errors_reach_to_where_the_likelihood_has_fallen(seed: int) -> None:
+    drawn = loops.draw(
+        seed, n=200, snr=10.0, of=lambda law, _: law.sampled, keep=lambda one: not one.coloured
+    )
+    n = drawn.poles.size
+    records = open_loops([drawn.record])
+    found = together(records, [Plant(drawn.theta[:n], (drawn.theta[n:],))])
+    assert found is not None
+    curved = np.sqrt(np.diag(found.found.cov))
+    k = int(np.argmax(found.errors / curved))
+    here = Together.at(records, found.found.plant, found.found.noise)
+    falls = [
+        min(risen(here, k, here.plant.theta[k] + side * size[k]) for side in (-2.0, 2.0))
+        for size in (curved, found.errors)
+    ]
+    assert falls[0] < 0.6 * 2.0**2  # what it would be if the likelihood were as its curvature
+    assert falls[1] > 0.7 * 2.0**2
+
+
+def test_errors_of_a_loop_that_is_moved_well_are_those_of_the_curvature() -> None:
+    drawn = loops.draw(752, n=1500, snr=20.0, excitation="prbs", of=lambda law, _: law.sampled)
+    n = drawn.poles.size
+    found = together(open_loops([drawn.record]), [Plant(drawn.theta[:n], (drawn.theta[n:],))])
+    assert found is not None
+    assert np.all(found.errors < 1.05 * np.sqrt(np.diag(found.found.cov)))

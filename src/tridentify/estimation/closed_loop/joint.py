@@ -14,18 +14,13 @@ controller, if the input is held between the samples and (1) is rich enough.
 *Errors.* With feedback the inputs hold past noise, so that ``theta`` and ``A`` share information.
 Steps in turn creep, and errors of the one as if the other were known are too small; the steps here
 are those of Gauss and Newton on all unknowns, and the covariance is the block of ``theta`` in the
-inverse of their whole information. Where several ends are nearly as likely (orders of the noise,
-other minima, of which weakly moved loops have several), each counts with its Akaike weight, and
-their distances from the likeliest join the covariance (Buckland, Burnham & Augustin 1997). Steps
-may end at a kink before the minimum, mostly within one standard error or two of it; such ends count
-as others, with the step that was left.
+inverse of their whole information. What else is nearly as likely is `settled`.
 
 *Start.* Free, with an offset of the output and a level of every input: of a plant that integrates
 no offset makes up for the input at which it rests.
 
 References: L. Ljung, *System Identification*, 2nd ed., sections 9.3 and 13.4 (1999). U. Forssell &
-L. Ljung, IEEE Transactions on Automatic Control 45 (2000) 137-141. S. Buckland, K. Burnham & N.
-Augustin, Biometrics 53 (1997) 603-618.
+L. Ljung, IEEE Transactions on Automatic Control 45 (2000) 137-141.
 """
 
 from __future__ import annotations
@@ -45,20 +40,14 @@ from tridentify.estimation.closed_loop.predictor import (
     recorded,
     slopes,
 )
-from tridentify.estimation.closed_loop.unstable import FLOOR, STILL, Found
+from tridentify.estimation.closed_loop.unstable import FLOOR, STILL
 from tridentify.estimation.likelihood.problem import FASTEST
 from tridentify.numerics.arrays import Array, Complex, Flags
 from tridentify.numerics.autoregression import (
     Whitener,
-    fit_autoregression,
-    most_coefficients,
 )
 from tridentify.numerics.information import aicc_price
 
-ORDERS = (0, 1, 2, 3, 4, 6, 8, 12, 16)
-"""Of the noise, that are tried one after the other."""
-IN_VAIN = 2
-"""Orders in a row that are no better, beyond which none is tried."""
 MOST_STEPS = 40
 HOLDS = 2
 """Times that the predictor is held to get around a kink."""
@@ -73,8 +62,6 @@ TOLD_APART = 1e-6
 that hardly integrates, level and offset do the same."""
 CUTOFF = 1e-13
 """Of the information, below which a direction is told by rounding alone."""
-LEAST_WEIGHT = 1e-3
-"""Akaike weight from which an end counts: fourteen in AICc."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,7 +274,7 @@ class Together:
         if noise.size and np.max(np.abs(np.roots(np.append(1.0, noise)))) > FARTHEST:
             return None
         plant = self.plant.with_theta(self.plant.theta + change[:n])
-        if _is_too_fast(plant, self.loops):
+        if is_too_fast(plant, self.loops):
             return None
         try:
             return Together.at(self.loops, plant, noise, self.held)
@@ -359,127 +346,16 @@ def _steps(here: Together) -> End:
     return End(here, change[:n], moved, steps)
 
 
-@dataclass(frozen=True, eq=False)
-class Settled:
-    """Plant and noise of lowest AICc, and what else is nearly as likely.
+def is_too_fast(plant: Plant, loops: Sequence[Loop]) -> bool:
+    """Whether a mode is over within a sample, so that no sample tells its rate.
 
-    Attributes
+    Parameters
     ----------
-    found : Found
-    spread : (n, n) array
-        What other ends, and a step that came to nothing, add to the covariance of the plant.
+    plant : Plant
+    loops : sequence of Loop
     """
-
-    found: Found
-    spread: Array
-
-    @property
-    def errors(self) -> Array:
-        """(n,) standard errors."""
-        return np.asarray(np.sqrt(np.diag(self.found.cov + self.spread)))
-
-
-def together(loops: Sequence[Loop], plants: Sequence[Plant]) -> Settled | None:
-    """Plant and noise, from several plants; None where no start leads anywhere."""
-    ends: list[End] = []
-    for plant in (one for one in plants if not _is_too_fast(one, loops)):
-        begun = Together.at(loops, plant, np.zeros(0))
-        if not np.isfinite(begun.size):
-            continue
-        try:
-            with np.errstate(all="ignore"):  # plants that run off are no ends
-                ends += [one for one in _over_orders(begun) if np.isfinite(one.moved)]
-        except np.linalg.LinAlgError:  # a plant without a response, or beyond all bounds
-            continue
-    if not ends:
-        return None
-    best = min(ends, key=lambda one: one.place.criterion)
-    return Settled(_found(best), _spread(best, ends))
-
-
-def _is_too_fast(plant: Plant, loops: Sequence[Loop]) -> bool:
-    """Whether a mode is over within a sample, so that no sample tells its rate."""
     step = min(float(one.record.t[1] - one.record.t[0]) for one in loops)
     if not np.isfinite(plant.theta).all():
         return True
     with np.errstate(all="ignore"):
         return not bool(np.all(np.abs(plant.poles) * step < FASTEST))
-
-
-def _over_orders(begun: Together) -> list[End]:
-    """From a plant: with the noise that its errors ask for, then with fewer and more of it."""
-    fewest = min(int(one.seen.sum()) for one in begun.ahead)
-    orders = [p for p in ORDERS if p <= most_coefficients(fewest)]
-    first = fit_autoregression(begun.errors, orders[-1])
-    begun = descended(begun.coloured(first)).place
-    k = min(int(np.searchsorted(orders, first.size)), len(orders) - 1)
-    middle = descended(_of_order(begun, orders[k]))
-    found = [middle]
-    for others in (orders[k + 1 :], orders[:k][::-1]):
-        last, lowest, vain = middle, middle.place.criterion, 0
-        for order in others:
-            last = descended(_of_order(last.place, order))
-            found.append(last)
-            vain = 0 if last.place.criterion < lowest else vain + 1
-            lowest = min(lowest, last.place.criterion)
-            if vain == IN_VAIN:
-                break
-    return found
-
-
-def _of_order(here: Together, order: int) -> Together:
-    """The same plant, its noise fitted anew, or with further coefficients of zero if better."""
-    if order == here.noise.size:
-        return here
-    fitted = here.coloured(fit_autoregression(here.errors, order, order))
-    if order < here.noise.size:
-        return fitted
-    grown = here.coloured(np.append(here.noise, np.zeros(order - here.noise.size)))
-    return min(fitted, grown, key=lambda one: one.size)
-
-
-def _spread(best: End, ends: Sequence[End]) -> Array:
-    """Weighted squares of the distances of all ends that are nearly as likely as the best."""
-    n = best.place.plant.theta.size
-    least = best.place.criterion
-    spread, total = np.zeros((n, n)), 0.0
-    known: list[End] = []
-    for one in sorted(ends, key=lambda end: end.place.criterion):
-        weight = float(np.exp(-0.5 * (one.place.criterion - least)))
-        if weight < LEAST_WEIGHT:
-            break
-        if any(_is_same(one.place, other.place) for other in known):
-            continue
-        known.append(one)
-        away = one.place.plant.theta - best.place.plant.theta
-        spread += weight * np.outer(away, away)
-        total += weight
-    return spread / total + np.outer(best.step, best.step)
-
-
-def _is_same(one: Together, other: Together) -> bool:
-    """Whether two ends are one minimum."""
-    return one.noise.size == other.noise.size and abs(one.criterion - other.criterion) < 1e-2
-
-
-def _found(end: End) -> Found:
-    here = end.place
-    n, predictor = here.plant.theta.size, here.ahead[0].predictor
-    table = here.columns[:, :n]
-    table = table / (np.linalg.norm(table, axis=0) + 1e-300)
-    freedom = max(here.count - here.unknowns, 1)
-    width = here.plant.a.size + 1
-    return Found(
-        here.plant,
-        here.cov[:n, :n],
-        tuple(here.errors),
-        here.noise,
-        here.size / freedom,
-        predictor.amplification,
-        tuple(one[:width] for one in here.start),
-        freedom,
-        float(np.linalg.cond(table)),
-        end.steps,
-        end.moved,
-        tuple(one[width:] for one in here.start),
-    )

@@ -29,10 +29,10 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.trace import BETWEEN_DECIDES, NO_END_TOGETHER, Status
 from tridentify.estimation.closed_loop.as_recorded import Foretold
 from tridentify.estimation.closed_loop.between_samples import Loop, with_input
-from tridentify.estimation.closed_loop.joint import Settled, together
 from tridentify.estimation.closed_loop.linear_errors import slowest
 from tridentify.estimation.closed_loop.long_past import plants_of_forecast
 from tridentify.estimation.closed_loop.predictor import Plant
+from tridentify.estimation.closed_loop.settled import Settled, together
 from tridentify.estimation.closed_loop.unstable_answer import estimate_of, open_loops, orders_of
 from tridentify.estimation.closed_loop.unstable_starts import starting_plants
 from tridentify.numerics.arrays import Array
@@ -128,7 +128,11 @@ def _between(
     other: Behaviour = "foh" if held else "zoh"
     ways = (
         open_loops([with_input(one, np.asarray(one.u), other) for one in records]),
-        [Loop(Foretold.of(one), "continuous") for one in records],
+        # of a held record this input would be held too
+        [
+            Loop(Foretold.of(with_input(one, np.asarray(one.u), "foh")), "continuous")
+            for one in records
+        ],
     )
     away = [np.zeros(n)]
     for loops in ways:

@@ -1,0 +1,198 @@
+"""Which of the ends of a search for plant and noise is the answer, and how far off it may be.
+
+*Ends.* Where several are nearly as likely (orders of the noise, other minima, of which weakly moved
+loops have several), each counts with its Akaike weight, and their distances from the likeliest join
+the covariance (Buckland, Burnham & Augustin 1997). Steps may end at a kink before the minimum,
+mostly within one standard error or two of it; such ends count as others, with the step that was
+left.
+
+*The fall of the likelihood.* The covariance is that of the curvature at the estimate. Where a loop
+is moved little, or its record is short, coefficients hang together, and derivatives along their
+longest axis change within a standard error or two: an estimate that lies off to where they are
+large has errors that are too small for itself. So the likelihood is followed along that axis to
+both sides, everything else at its best (Bates & Watts 1988, section 6.1). Where it falls less than
+the curvature says, the axis grows.
+
+References: S. Buckland, K. Burnham & N. Augustin, Biometrics 53 (1997) 603-618. D. Bates & D.
+Watts, *Nonlinear Regression Analysis and Its Applications* (1988).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import null_space
+
+from tridentify.estimation.closed_loop.between_samples import Loop
+from tridentify.estimation.closed_loop.joint import End, Together, descended, is_too_fast
+from tridentify.estimation.closed_loop.predictor import Plant
+from tridentify.estimation.closed_loop.unstable import Found
+from tridentify.numerics.arrays import Array
+from tridentify.numerics.autoregression import fit_autoregression, most_coefficients
+
+ORDERS = (0, 1, 2, 3, 4, 6, 8, 12, 16)
+"""Of the noise, that are tried one after the other."""
+IN_VAIN = 2
+"""Orders in a row that are no better, beyond which none is tried."""
+LEAST_WEIGHT = 1e-3
+"""Akaike weight from which an end counts: fourteen in AICc."""
+REACH = 2.0
+"""Standard errors at which the fall of the likelihood is measured: where an interval ends."""
+BESIDE = 4
+"""Steps of Gauss and Newton beside the axis; they begin where the curvature says they end."""
+MOST = 5.0
+"""Times that an axis grows: beyond, nothing tells it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """Plant and noise of lowest AICc, and what else is nearly as likely.
+
+    Attributes
+    ----------
+    found : Found
+    spread : (n, n) array
+        What other ends, a step that came to nothing, and a likelihood that falls less than its
+        curvature says add to the covariance of the plant.
+    """
+
+    found: Found
+    spread: Array
+
+    @property
+    def errors(self) -> Array:
+        """(n,) standard errors."""
+        return np.asarray(np.sqrt(np.diag(self.found.cov + self.spread)))
+
+
+def together(loops: Sequence[Loop], plants: Sequence[Plant]) -> Settled | None:
+    """Plant and noise, from several plants; None where no start leads anywhere."""
+    ends: list[End] = []
+    for plant in (one for one in plants if not is_too_fast(one, loops)):
+        begun = Together.at(loops, plant, np.zeros(0))
+        if not np.isfinite(begun.size):
+            continue
+        try:
+            with np.errstate(all="ignore"):  # plants that run off are no ends
+                ends += [one for one in _over_orders(begun) if np.isfinite(one.moved)]
+        except np.linalg.LinAlgError:  # a plant without a response, or beyond all bounds
+            continue
+    if not ends:
+        return None
+    best = min(ends, key=lambda one: one.place.criterion)
+    return Settled(_found(best), _spread(best, ends) + _farther(best.place))
+
+
+def _over_orders(begun: Together) -> list[End]:
+    """From a plant: with the noise that its errors ask for, then with fewer and more of it."""
+    fewest = min(int(one.seen.sum()) for one in begun.ahead)
+    orders = [p for p in ORDERS if p <= most_coefficients(fewest)]
+    first = fit_autoregression(begun.errors, orders[-1])
+    begun = descended(begun.coloured(first)).place
+    k = min(int(np.searchsorted(orders, first.size)), len(orders) - 1)
+    middle = descended(_of_order(begun, orders[k]))
+    found = [middle]
+    for others in (orders[k + 1 :], orders[:k][::-1]):
+        last, lowest, vain = middle, middle.place.criterion, 0
+        for order in others:
+            last = descended(_of_order(last.place, order))
+            found.append(last)
+            vain = 0 if last.place.criterion < lowest else vain + 1
+            lowest = min(lowest, last.place.criterion)
+            if vain == IN_VAIN:
+                break
+    return found
+
+
+def _of_order(here: Together, order: int) -> Together:
+    """The same plant, its noise fitted anew, or with further coefficients of zero if better."""
+    if order == here.noise.size:
+        return here
+    fitted = here.coloured(fit_autoregression(here.errors, order, order))
+    if order < here.noise.size:
+        return fitted
+    grown = here.coloured(np.append(here.noise, np.zeros(order - here.noise.size)))
+    return min(fitted, grown, key=lambda one: one.size)
+
+
+def _spread(best: End, ends: Sequence[End]) -> Array:
+    """Weighted squares of the distances of all ends that are nearly as likely as the best."""
+    n = best.place.plant.theta.size
+    least = best.place.criterion
+    spread, total = np.zeros((n, n)), 0.0
+    known: list[End] = []
+    for one in sorted(ends, key=lambda end: end.place.criterion):
+        weight = float(np.exp(-0.5 * (one.place.criterion - least)))
+        if weight < LEAST_WEIGHT:
+            break
+        if any(_is_same(one.place, other.place) for other in known):
+            continue
+        known.append(one)
+        away = one.place.plant.theta - best.place.plant.theta
+        spread += weight * np.outer(away, away)
+        total += weight
+    return spread / total + np.outer(best.step, best.step)
+
+
+def _is_same(one: Together, other: Together) -> bool:
+    """Whether two ends are one minimum."""
+    return one.noise.size == other.noise.size and abs(one.criterion - other.criterion) < 1e-2
+
+
+def _found(end: End) -> Found:
+    here = end.place
+    n, predictor = here.plant.theta.size, here.ahead[0].predictor
+    table = here.columns[:, :n]
+    table = table / (np.linalg.norm(table, axis=0) + 1e-300)
+    freedom = max(here.count - here.unknowns, 1)
+    width = here.plant.a.size + 1
+    return Found(
+        here.plant,
+        here.cov[:n, :n],
+        tuple(here.errors),
+        here.noise,
+        here.size / freedom,
+        predictor.amplification,
+        tuple(one[:width] for one in here.start),
+        freedom,
+        float(np.linalg.cond(table)),
+        end.steps,
+        end.moved,
+        tuple(one[width:] for one in here.start),
+    )
+
+
+def _farther(here: Together) -> Array:
+    """(n, n) what the fall of the likelihood on both sides adds to the covariance of the plant."""
+    n = here.plant.theta.size
+    sizes = np.sqrt(np.diag(here.cov)) + 1e-300
+    scaled = here.cov / np.outer(sizes, sizes)
+    values, turned = np.linalg.eigh(scaled[:n, :n])
+    weakest, length = turned[:, -1], np.sqrt(values[-1])
+    axis = length * weakest * sizes[:n]
+    along = sizes * (scaled[:, :n] @ weakest) / length
+    beside = sizes[:, None] * null_space(np.pad(weakest, (0, sizes.size - n))[None, :])
+    variance = here.size / max(here.count - here.unknowns, 1)
+    least = np.inf
+    with np.errstate(all="ignore"):
+        for side in (-REACH, REACH):
+            moved = here.moved(side * along)
+            if moved is not None:
+                least = min(least, (_lowest(moved, beside) - here.size) / variance)
+    times = REACH**2 / max(least, (REACH / MOST) ** 2)
+    return max(times - 1.0, 0.0) * np.outer(axis, axis)
+
+
+def _lowest(here: Together, beside: Array) -> float:
+    """Sum of squares that steps in given directions lead to."""
+    for _ in range(BESIDE):
+        if not np.isfinite(here.columns).all():
+            break
+        change = np.linalg.lstsq(here.columns @ beside, here.innovations, rcond=1e-12)[0]
+        other = here.moved(beside @ change)
+        if other is None or not other.size < here.size:
+            break
+        here = other
+    return here.size
