@@ -205,6 +205,7 @@ def autoregressive(errors: Sequence[Array]) -> Array:
     return fit_autoregression(list(errors), most_coefficients(fewest))
 
 
+@np.errstate(over="ignore", invalid="ignore")  # plants that run off are no ends
 def _descended(
     loops: Sequence[Loop], plant: Plant, linear: Linear, basis: Array | None, fed_back: bool
 ) -> Found:

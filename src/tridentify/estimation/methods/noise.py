@@ -212,7 +212,9 @@ def _may_be_a_disturbance(end: Finished) -> bool:
 
 
 def _explains(end: Finished, tinted: tuple[bool, ...], known: Sequence[Forecast]) -> bool:
-    """Whether an end leaves noise alone, and as little of it as the predictors do."""
+    """Whether an end follows the output, and leaves noise alone, as little as the predictors do."""
+    if np.any(output_rss(end.point) > end.point.problem.power * end.point.counts):
+        return False
     if end.status is not Status.CONVERGED or _left_to_noise(end.point, tinted) != tinted:
         return False
     return _behind(end.point, known) < RIVAL

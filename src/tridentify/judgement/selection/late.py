@@ -31,7 +31,7 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.causes.attempt import Attempt
 from tridentify.judgement.causes.direct_part import has_direct_part
 from tridentify.judgement.causes.explain import explain, settle, sharpened
-from tridentify.judgement.causes.explanation import CLEARLY
+from tridentify.judgement.causes.explanation import CLEARLY, Explanations
 from tridentify.judgement.causes.present import Present
 from tridentify.judgement.causes.revisit import poles_of_estimate, problem_of, stated
 from tridentify.judgement.causes.slow import slow_waves
@@ -184,11 +184,20 @@ def _present(estimate: Estimate, records: Sequence[Record], noise: Sequence[Arra
     return Present.of(records, estimate.structure, delay, nuisances, noise, poles)
 
 
+def _by_delays(present: Present) -> Explanations | None:
+    """What delays explain: outputs recorded too early have the same code, and are none."""
+    explained = explain(present, only="delay")
+    if explained is None:
+        return None
+    found = tuple(one for one in explained.found if not one.rival.exact)
+    return replace(explained, found=found) if found else None
+
+
 def _fitted(row: SelectionRow, records: Sequence[Record], noise: Sequence[Array]) -> _Late | None:
     assert row.estimate is not None
     present = _present(row.estimate, records, noise)
-    explained = explain(present, only="delay")
-    if explained is None or not explained.found:
+    explained = _by_delays(present)
+    if explained is None:
         return None
     first = explained.found[0]
     late = replace(row.structure, delay="free")
@@ -297,8 +306,8 @@ def _direct(row: SelectionRow, records: Sequence[Record], noise: Sequence[Array]
     n = row.structure.common_poles
     assert row.estimate is not None
     present = replace(_present(row.estimate, records, noise), zeros=((n,),))
-    explained = explain(present, only="delay")
-    if explained is None or not explained.found:
+    explained = _by_delays(present)
+    if explained is None:
         return None
     first = sharpened(present, explained)
     late = replace(row.structure, zeros=n, delay=float(first.rival.parts[0].delay[0, 0]))
