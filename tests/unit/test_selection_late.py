@@ -1,0 +1,28 @@
+"""Delays that join the candidates, beside what else is recorded at another time."""
+
+import numpy as np
+import pytest
+
+from tridentify import Record, TransferFunction, select_structure, simulate
+
+
+def exchanger(seed: int) -> Record:
+    """Two lags and six samples of dead time beside a slow disturbance as large as they answer."""
+    rng = np.random.default_rng(seed)
+    u = 40.0 + 10.0 * np.repeat(rng.choice([-1.0, 0.0, 1.0], 25), 20)
+    slow, fast = rng.uniform(25.0, 40.0), rng.uniform(6.0, 12.0)
+    plant = TransferFunction([0.5], np.polymul([slow, 1.0], [fast, 1.0]))
+    late = np.concatenate([np.full(6, u[0]), u[:-6]]) - u[0]
+    y = simulate(plant, Record(late, u, dt=1.0))[:, 0]
+    size, turns, begun = rng.uniform(2.0, 4.0), rng.uniform(0.3, 0.8), rng.random()
+    y = y + size * np.sin(2.0 * np.pi * (turns * np.arange(500) / 500 + begun))
+    return Record(u, 60.0 + y + 0.05 * rng.standard_normal(500), dt=1.0)
+
+
+@pytest.mark.slow
+def test_outputs_recorded_early_are_no_delay_of_a_candidate():
+    """Beside a slow disturbance they explain more than any delay does."""
+    chosen = select_structure(exchanger(4)).recommended
+    assert chosen is not None
+    assert chosen.estimate is not None
+    assert np.all(chosen.estimate.model.delay >= 0.0)
