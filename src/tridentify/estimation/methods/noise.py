@@ -206,7 +206,7 @@ def _left_to_noise(point: Point, tinted: tuple[bool, ...]) -> tuple[bool, ...]:
 def _may_be_a_disturbance(end: Finished) -> bool:
     """Whether an end has a mode that a slow disturbance may have been taken for."""
     problem = end.point.problem
-    longest = max(e.n_samples * e.dt for e in problem.experiments)
+    longest = max(e.duration for e in problem.experiments)
     slowest = float(np.min(np.abs(end.point.poles.real)))
     return end.status is not Status.CONVERGED or slowest * longest < SLOW_MODE
 

@@ -98,11 +98,8 @@ def responses(
 
 def _hats(u: Array, lags: Sequence[int]) -> Array:
     """An input through each of several responses, some at a time where the record is long."""
-    size, lags, found = (
-        next_fast_len(2 * u.size, real=True),
-        tuple(lags),
-        np.zeros((u.size, len(lags))),
-    )
+    size, lags = next_fast_len(2 * u.size, real=True), tuple(lags)
+    found = np.zeros((u.size, len(lags)))
     wide = [k for k, (_, shape) in enumerate(_taps(lags)) if shape.size > 1]
     for k in set(range(len(lags))).difference(wide):
         # one tap: the input itself, later
