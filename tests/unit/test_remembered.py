@@ -56,6 +56,19 @@ def test_validation_after_identification_is_the_judgement_that_came_with_it(coun
     assert alike(first, second)
 
 
+def test_who_looks_again_gets_the_judgement_that_was_made(counted):
+    # whether an input reacts is asked before all else is, and both take the same tests
+    estimate = identify(RECORD, Structure(1, 0), QUICK, throw=False)
+    found = assess.looked_at(estimate, [RECORD])
+    assert len(counted) == 1
+    assert found == assess.looked_at(estimate, [RECORD])
+    assert len(counted) == 1
+    assert found
+    other = dataclasses.replace(estimate, theta=estimate.theta * (1 + 1e-12))
+    assess.looked_at(other, [RECORD])
+    assert len(counted) == 2
+
+
 @pytest.mark.parametrize(
     "other",
     [

@@ -37,6 +37,7 @@ from tridentify.judgement.validation.known_causes import KnownCauses
 from tridentify.judgement.validation.likelihood_ratio import CALLED
 from tridentify.judgement.validation.phrases import decapitalised
 from tridentify.judgement.validation.remembered import (
+    given_away,
     kept_look,
     on_its_clock,
     remember,
@@ -146,7 +147,7 @@ def validate(
         )
     with one_blas_thread():
         usual = experiment is None and n_lags is None and level == LEVEL
-        known = remembered(estimate, records) if usual else None
+        known = given_away(estimate, records) if usual else None
         if known is not None:
             return _with_what_was_said(known, estimate)
         own = fingerprint(records) == estimate.record_fingerprint
@@ -231,6 +232,9 @@ def looked_at(
     tuple of Finding
         As `validate`; empty where a quick look finds nothing, or too little is there to test.
     """
+    before = remembered(estimate, records)
+    if before is not None:
+        return before.findings
     view = own_look(estimate, records, known)
     if view is None:
         return ()

@@ -64,7 +64,7 @@ def remember(estimate: Estimate, records: Sequence[Record], validation: Validati
 
 
 def remembered(estimate: Estimate, records: Sequence[Record]) -> Validation | None:
-    """The judgement of these, if it is the one that is kept; it is given away once.
+    """The judgement of these, if it is the one that is kept.
 
     Parameters
     ----------
@@ -72,14 +72,22 @@ def remembered(estimate: Estimate, records: Sequence[Record]) -> Validation | No
         What is said of it, its trace and its call may have been added since.
     records : sequence of Record
     """
-    try:
-        last = _last[0]
-    except IndexError:
-        return None
-    if not last.fits(estimate, records):
-        return None
-    _last.clear()
-    return last.validation
+    last = next(iter(_last), None)
+    return last.validation if last is not None and last.fits(estimate, records) else None
+
+
+def given_away(estimate: Estimate, records: Sequence[Record]) -> Validation | None:
+    """The same, once: nothing is kept of it.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    records : sequence of Record
+    """
+    found = remembered(estimate, records)
+    if found is not None:
+        _last.clear()
+    return found
 
 
 @dataclass(frozen=True, eq=False)
