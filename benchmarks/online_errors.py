@@ -248,7 +248,7 @@ def bias_table(data: dict[str, Any]) -> list[str]:
 
 
 # -------------------------------------------------------------------------------------- changes
-LONG, SETTLING, LISTENING, CHANGE_DRAWS, WORKERS = 10_000, 3000, 3000, 1, 2
+LONG, SETTLING, LISTENING, CHANGE_DRAWS, WORKERS = 100_000, 3000, 3000, 12, 2
 STEPS = (("a0", 1.5), ("a0", 1.2), ("b0", 1.5))
 
 
