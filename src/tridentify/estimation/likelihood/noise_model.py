@@ -2,7 +2,7 @@
 
 With ``A_i(q) v_i = e_i`` for the noise of output ``i`` the likelihood is that of the innovations
 ``e``, and for a held ``A`` it is the output-error cost of whitened samples (`regression`): all
-that is known about its minimum stays true. Where both stand still (`methods.noise`), the
+that is known about its minimum stays true. Where both stand still (`methods.turns`), the
 information matrix is block diagonal, as the derivatives of the innovations with respect to ``A``
 are made of past noise and those with respect to the system of the input alone (Pierce 1972; Ljung
 1999, section 9.3). So ``(J' J)^{-1}`` with ``J`` of the whitened columns is the covariance of the
@@ -63,7 +63,7 @@ coloured noise leave 0.04 at most, in 12 records; one to four poles for the heat
 benchmark of real records, none of which explains it, 0.18 to 0.53. Set with that record in view.
 In 180 other random systems with noise of four colours the search ended early in 132, 105 of them
 identifiable: AICc was the same in these to 1e-3. In two of the others whitened samples then ended
-at a limit; with every start tried there (`methods.noise`) AICc is the same to 0.3."""
+at a limit; with every start tried there (`methods.turns`) AICc is the same to 0.3."""
 MOST_ROUNDS = 8
 """Turns of noise model and coefficients: they stand still after three or four."""
 STILL = 0.01
