@@ -13,7 +13,8 @@ from tridentify.models.compiled_regression import cascades
 from tridentify.models.experiment import MIDDLING, Experiment
 from tridentify.models.regression import regress, response_of
 from tridentify.numerics.discretize import discretize
-from tridentify.numerics.kernels.exponentials import discrete, exponential
+from tridentify.numerics.interpolation import DEGREE, moments
+from tridentify.numerics.kernels.exponentials import discrete, exponential, of_powers
 from tridentify.numerics.kernels.triangles import triangularise
 from tridentify.numerics.least_squares import triangle
 from tridentify.numerics.realization import cascade
@@ -48,6 +49,11 @@ CASES = {
     "whole delays": {"delays": np.array([[0.3, 0.0], [0.0, 0.5]])},
     "delays": {"delays": np.array([[0.25, 0.0], [0.25, 0.0]]), "start": 3},
     "delays of ramps": {"delays": np.array([[0.25, 0.37], [0.1, 0.0]]), "intersample": "foh"},
+    "band-limited": {"intersample": "band-limited"},
+    "delays of band-limited": {
+        "delays": np.array([[0.25, 0.3], [0.1, 50.0]]),
+        "intersample": "band-limited",
+    },
     "beyond the end": {"delays": np.array([[50.0, 0.0], [0.04, 50.0]])},
     "coloured": {"noise": (AR1, np.zeros(0)), "gone": 5},
 }
@@ -86,7 +92,6 @@ def test_long_and_uneven_records_go_the_general_way():
     assert made(Experiment, n=MIDDLING).charts is not None
     assert made(Experiment, n=MIDDLING + 1).charts is None
     assert made(Experiment, t=np.arange(120) * DT).charts is None
-    assert made(Experiment, intersample="band-limited").charts is None
 
 
 @pytest.mark.parametrize("size", [1e-3, 1.0, 300.0])
@@ -108,6 +113,16 @@ def test_discretisation(ramps, weight):
     expected = discretize(bank.a, weight * bank.b[:, None], DT, kind)
     for own, other in zip(found, expected, strict=True):
         assert own == pytest.approx(np.squeeze(other), rel=1e-9, abs=1e-13 * weight)
+
+
+@pytest.mark.parametrize("weight", [1.0, 1e8])
+def test_moments_of_powers(weight):
+    bank = cascade(POLES)
+    transition, taps = of_powers(bank.a, weight * bank.b, DT, DEGREE)
+    found = taps.T
+    expected = moments(bank.a, weight * bank.b, DT)
+    assert transition == pytest.approx(expected[0], rel=1e-9, abs=1e-13)
+    assert found == pytest.approx(expected[1], rel=1e-9, abs=1e-13 * weight)
 
 
 @pytest.mark.parametrize("count", [3, 5, 40])

@@ -48,6 +48,7 @@ PROBLEMS = {
     "direct part": Problem.of([experiment()], 2, ((2,),)),
     "free start and drift": Problem.of([experiment(free=True, drift=True)], 2, ((1,),)),
     "ramps": Problem.of([experiment(intersample="foh")], 2, ((1,),)),
+    "band-limited": Problem.of([experiment(intersample="band-limited")], 2, ((1,),)),
     "two of each": Problem.of([experiment(outputs=2, inputs=2)], 2, ((1, 0), (0, 1))),
     "own denominators": Problem.of([experiment(inputs=2)], ((2, 1),), ((0, 0),)),
     "missing samples": Problem.of([gappy()], 2, ((1,), (1,))),

@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tridentify.models.columns import Regression
-from tridentify.numerics.arrays import Array, Flags
+from tridentify.numerics.arrays import Array, Flags, Indices
 from tridentify.numerics.autoregression import gains
+from tridentify.numerics.interpolation import DEGREE
 from tridentify.numerics.realization import Cascade
 from tridentify.numerics.sampled import Sampled
 
@@ -146,10 +147,9 @@ class Experiment:
     def charts(self) -> tuple[Chart, ...] | None:
         """What the filters in machine code are given; None where they do not serve.
 
-        They do on uniform time, for inputs that are held or ramp, up to ``MIDDLING`` samples.
+        They do on uniform time, up to ``MIDDLING`` samples.
         """
-        uniform = self.t is None and self.intersample in ("zoh", "foh")
-        if not (uniform and self.at_hand and 2 <= self.n_samples <= MIDDLING):
+        if not (self.t is None and self.at_hand and 2 <= self.n_samples <= MIDDLING):
             return None
         found = []
         for run in self.runs:
@@ -164,19 +164,7 @@ class Experiment:
         self, run: OutputRun, outputs: tuple[int, ...], y: Array, weight: Array | None
     ) -> Chart:
         signal, n = self.sampled[outputs[0]], self.n_samples
-        w = np.zeros((self.u.shape[1], n + 1))
-        firsts, parts = np.zeros(len(w), dtype=np.int64), np.zeros(len(w))
-        if any(signal.delays):
-            for (first, part, own), (delay, channels) in zip(
-                signal.shifted, signal.groups, strict=True
-            ):
-                for column, j in enumerate(channels):
-                    w[j] = own[:, column]
-                    firsts[j], parts[j] = (min(first, n), part) if delay else (0, 0.0)
-                    if not delay:
-                        w[j, :n] = self.u[:, j]
-        else:
-            w[:, :n] = self.u.T
+        degree, acting = _acting(signal)
         known = [*signal.direct.T]
         known += [np.ones(n)] * self.offset + [self.ramp] * self.drift
         noise = self.noise[outputs[0]] if self.is_coloured else np.zeros(0)
@@ -188,11 +176,8 @@ class Experiment:
             weight = seen.astype(np.float64)
         given = (
             self.dt,
-            self.intersample == "foh",
-            w,
-            firsts,
-            parts,
-            np.array(self.u[:2].T, order="C"),
+            degree,
+            *acting,
             np.array(known).reshape(len(known), n),
             np.array(y.T, order="C"),
             np.zeros(0) if weight is None else weight,
@@ -216,6 +201,29 @@ class Experiment:
         delays = 0.0 if self.delays is None else self.delays
         begin = self.instant(self.start)
         return np.asarray(np.broadcast_to(begin - delays, (self.y.shape[1], self.u.shape[1])))
+
+
+def _acting(signal: Sampled) -> tuple[int, tuple[Array, Indices, Array, Array]]:
+    """What acts from sample to sample, as `compiled_regression.triangles_of` is given it."""
+    n, inputs = signal.u.shape
+    firsts, parts = np.zeros(inputs, dtype=np.int64), np.zeros(inputs)
+    if signal.intersample == "band-limited":
+        w, begun = np.zeros((inputs, DEGREE + 1, n)), np.zeros((inputs, DEGREE + 1))
+        for j, (first, part, head, body) in enumerate(signal.pieces):
+            firsts[j], parts[j], begun[j] = min(first, n), part, head
+            own = body[:, : n - firsts[j]]
+            w[j, :, first : first + own.shape[1]] = own
+        return DEGREE, (w, firsts, parts, begun)
+    w = np.zeros((inputs, 2, n))
+    w[:, 0], w[:, 1, : n - 1] = signal.u.T, signal.u[1:].T
+    groups = zip(signal.shifted, signal.groups, strict=True) if any(signal.delays) else ()
+    for (first, part, own), (delay, channels) in groups:
+        if delay:
+            for column, j in enumerate(channels):
+                w[j] = own[:-1, column], own[1:, column]
+                firsts[j], parts[j] = min(first, n), part
+    begun = np.array(signal.u[:2].T, order="C")
+    return int(signal.intersample == "foh"), (w, firsts, parts, begun)
 
 
 @dataclass(frozen=True, eq=False)

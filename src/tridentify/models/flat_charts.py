@@ -17,9 +17,9 @@ class FlatCharts(NamedTuple):
     Attributes
     ----------
     table : (n_charts, 19) int array
-        Experiment; numbers of samples, known columns, outputs, weights; whether inputs ramp; where
+        Experiment; numbers of samples, known columns, outputs, weights; degree of the inputs; where
         the impulse acts; of a coloured noise its order and the sizes of gain and scale; then where
-        in ``numbers`` begin ``w``, ``first_two``, ``known``, ``y``, ``weight``, ``noise``,
+        in ``numbers`` begin ``w``, ``begun``, ``known``, ``y``, ``weight``, ``noise``,
         ``seen``, ``gain`` and ``scale``.
     numbers : flat array
     firsts, parts : (n_charts, n_inputs) arrays
@@ -51,17 +51,17 @@ class FlatCharts(NamedTuple):
             if experiment.charts is None or own != (first.free, first.offset, first.drift):
                 return None
             for chart in experiment.charts:
-                dt, ramps, w, firsts, parts, first_two, known, y, weight, _, start = chart.given
+                dt, degree, w, firsts, parts, begun, known, y, weight, _, start = chart.given
                 noise, seen, gain, scale = chart.colour or (np.zeros(0),) * 4
                 for k, i in enumerate(chart.outputs):
                     which[e, i], place[e, i] = len(table), k
-                some = [w, first_two, known, y, weight, noise, seen, gain, scale]
+                some = [w, begun, known, y, weight, noise, seen, gain, scale]
                 starts = at + np.cumsum([0, *(one.size for one in some)])
                 at = int(starts[-1])
                 pieces += [one.ravel() for one in some]
                 sizes = y.shape[1], known.shape[0], y.shape[0], weight.size
                 colour = noise.size, gain.shape[0], scale.size
-                table.append([e, *sizes, int(ramps), start, *colour, *starts[:-1].tolist()])
+                table.append([e, *sizes, degree, start, *colour, *starts[:-1].tolist()])
                 others.append((firsts, parts, dt))
         firsts, parts, intervals = (np.array(one) for one in zip(*others, strict=True))
         flat = np.concatenate(pieces).astype(np.float64, copy=False)

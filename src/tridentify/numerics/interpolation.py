@@ -11,13 +11,15 @@ Multirate Digital Signal Processing, 1983, section 4.3). Before the first and af
 where nothing is known, the signal is continued by reflection through its end point, ``2 u_0 -
 u_m``; within about ten samples of an end it is therefore less exact.
 
-Within one interval the sum is a polynomial to rounding: ``u = sum_p c_p T_p(2 s / h - 1)`` with
-Chebyshev polynomials up to `DEGREE`. Its coefficients do not depend on the state equation and are
-made once. From ``T' = D T`` (a constant matrix)
+Within one interval the sum is a polynomial to rounding, ``u = sum_p c_p (s / h)^p`` up to `DEGREE`,
+made of its values at Chebyshev points. The ``c_p`` are those of Taylor, at most ``pi^p / p!`` times
+the amplitude, do not depend on the state equation and are made once. With ``v_p = c_p`` at the
+beginning, ``h v_p' = (p + 1) v_{p+1}`` and ``v_0 = u``, so
 
-    int_0^h e^{A (h - s)} B T(s)' ds = the upper right block of exp([[A, B T(0)'], [0, D']] h)
+    int_0^h e^{A (h - s)} B (s / h)^p ds = the upper right block of exp([[h A, h B e_0'], [0, N]])
 
-(Van Loan 1978), so a band-limited input costs one exponential and one product more than a held one.
+with ``N`` the matrix of these equations (Van Loan 1978): a band-limited input costs one exponential
+and one product more than a held one.
 """
 
 from __future__ import annotations
@@ -87,23 +89,25 @@ def nodes() -> Array:
 
 
 def coefficients(values: Array) -> Array:
-    """(n, DEGREE + 1) Chebyshev coefficients of polynomials through values at the `nodes`."""
+    """(n, DEGREE + 1) coefficients of the powers of polynomials through values at the `nodes`."""
     vandermonde = chebyshev.chebvander(chebyshev.chebpts1(DEGREE + 1), DEGREE)
-    return np.asarray(np.linalg.solve(vandermonde, values.T).T)
+    return np.asarray(np.linalg.solve(vandermonde, values.T).T @ _powers())
 
 
 @cache
-def _derivative() -> Array:
-    """``T' = D T`` with respect to the place in an interval from 0 to 1."""
-    d = np.zeros((DEGREE + 1, DEGREE + 1))
-    for p in range(1, DEGREE + 1):
-        own = chebyshev.chebder(np.eye(DEGREE + 1)[p])
-        d[p, : own.size] = 2.0 * own
-    return d
+def _powers() -> Array:
+    """Coefficients of the powers in the Chebyshev polynomials of an interval from 0 to 1."""
+    found = np.zeros((DEGREE + 1, DEGREE + 1))
+    own = [np.polynomial.Polynomial([1.0]), np.polynomial.Polynomial([-1.0, 2.0])]
+    for p in range(DEGREE + 1):
+        if p > 1:
+            own.append(2.0 * own[1] * own[-1] - own[-2])
+        found[p, : own[p].coef.size] = own[p].coef
+    return found
 
 
 def moments(a: Array, b: Array, length: float) -> tuple[Array, Array]:
-    """``e^{A h}`` and ``int_0^h e^{A (h - s)} B T(s)' ds``.
+    """``e^{A h}`` and ``int_0^h e^{A (h - s)} B (s / h)^p ds``.
 
     Parameters
     ----------
@@ -126,10 +130,10 @@ def moments(a: Array, b: Array, length: float) -> tuple[Array, Array]:
     q = b.size
     block = np.zeros((q + DEGREE + 1, q + DEGREE + 1))
     block[:q, :q] = a * length
-    block[q:, q:] = _derivative().T
+    block[q:, q:] = np.diag(np.arange(1.0, DEGREE + 1), 1)
     # the drive is linear in b, whose size is that of the unit of time: it is not to be squared
     weight = weight_of(block[:q, :q], length * b)
-    block[:q, q:] = (length / weight) * np.outer(b, (-1.0) ** np.arange(DEGREE + 1))
+    block[:q, q] = (length / weight) * b
     whole = exponential(block)
     return np.ascontiguousarray(whole[:q, :q]), np.ascontiguousarray(weight * whole[:q, q:])
 

@@ -294,13 +294,14 @@ def cost_there(
     for c in range(table.shape[0]):
         own = table[c]
         n, at = own[1], own[10:]
-        w = numbers[at[0] : at[0] + n_inputs * (n + 1)].reshape((n_inputs, n + 1))
-        begun = numbers[at[1] : at[1] + n_inputs * 2].reshape((n_inputs, 2))
+        parts_of = max(own[5], 1) + 1
+        w = numbers[at[0] : at[0] + n_inputs * parts_of * n].reshape((n_inputs, parts_of, n))
+        begun = numbers[at[1] : at[1] + n_inputs * parts_of].reshape((n_inputs, parts_of))
         known = numbers[at[2] : at[2] + own[2] * n].reshape((own[2], n))
         y = numbers[at[3] : at[3] + own[3] * n].reshape((own[3], n))
         weight = numbers[at[4] : at[4] + own[4]]
         one = a.reshape((1, q, q)), b.reshape((1, q))
-        given = clocks[c], own[5] != 0, w, delayed[c], parts[c], begun, known
+        given = clocks[c], own[5], w, delayed[c], parts[c], begun, known
         if own[7] == 0:
             r = triangles_of(*one, *given, y, weight, leading != 0, own[6])[0]
         else:

@@ -174,6 +174,50 @@ def discrete(a: Array, b: Array, dt: float, ramps: bool) -> tuple[Array, Array, 
     return step, now, after
 
 
+@compiled("(float64[:,::1], float64[::1], float64, int64)")
+def of_powers(a: Array, b: Array, dt: float, degree: int) -> tuple[Array, Array]:
+    """``x_{k+1} = F x_k + sum_p G_p c_p`` over a step, for an input ``sum_p c_p (s / h)^p``.
+
+    The signals ``v_p``, ``h v_p' = (p + 1) v_{p+1}``, stand before the states
+    (`numerics.interpolation`), the highest first.
+
+    Parameters
+    ----------
+    a : (q, q) array
+        Lower triangular with pairs.
+    b : (q,) array
+    dt : float
+    degree : int
+
+    Returns
+    -------
+    F : (q, q) array
+    G : (degree + 1, q) array
+    """
+    q, at = b.size, degree + 1
+    own, other = 1.0, 0.0
+    for i in range(q):
+        other = max(other, abs(b[i] * dt))
+        for j in range(q):
+            own = max(own, abs(a[i, j] * dt))
+    weight = 2.0 ** np.floor(np.log2(other / own) + 0.5) if other > LARGER * own else 1.0
+    matrix = np.zeros((q + at, q + at))
+    for p in range(degree):
+        matrix[degree - p, degree - p - 1] = p + 1.0
+    for i in range(q):
+        matrix[at + i, degree] = b[i] * dt / weight
+        for j in range(q):
+            matrix[at + i, at + j] = a[i, j] * dt
+    whole = exponential(matrix)
+    step, taps = np.empty((q, q)), np.empty((at, q))
+    for i in range(q):
+        for p in range(at):
+            taps[p, i] = whole[at + i, degree - p] * weight
+        for j in range(q):
+            step[i, j] = whole[at + i, at + j]
+    return step, taps
+
+
 @compiled("float64[:,:,::1](float64[:,::1], float64[::1], float64[::1], float64[::1])")
 def crossings(a: Array, b: Array, lengths: Array, slopes: Array) -> Array:
     """``e^M``, ``M = [[h A, h B, 0], [0, 0, c], [0, 0, 0]]``, for lengths ``h`` and slopes ``c``.
