@@ -19,6 +19,7 @@ from tridentify.record.checks.times import uniform_step
 FEWEST = 20
 """Stamps from which a raster through all of them is no chance."""
 MOST_DECIMALS = 9
+"""Nanoseconds, the finest that files write."""
 DIGITS = range(4, 10)
 """Significant digits that a program may have written."""
 FINE = 0.5
