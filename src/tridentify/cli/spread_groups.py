@@ -86,8 +86,9 @@ def described(docstring: str) -> Mapping[str, str]:
 
     Examples
     --------
-    >>> described(with_groups.__doc__)["command"][:39]
-    'Parameters annotated with a dataclass of'
+    >>> from tridentify.cli.groups import ReadingMany
+    >>> described(ReadingMany.__doc__)["start"]
+    'Leave out what is before.'
     """
     _, *sections = re.split(SECTION, inspect.cleandoc(docstring))
     entries = re.findall(r"^(\w+)\n((?: +.*\n?)+)", "".join(sections), re.MULTILINE)
