@@ -126,20 +126,10 @@ class _Fits:
     rank: NDArray[np.intp]
     lost: Flags
 
-    def few(self, at: NDArray[np.intp]) -> _Fits:
-        """What is told of some of the unknowns."""
-        return _Fits(
-            self.weights[:, at],
-            self.size[:, at],
-            self.rss.copy(),
-            self.rank.copy(),
-            self.lost[:, at],
-        )
-
     def take(self, at: NDArray[np.intp], other: _Fits, of: NDArray[np.intp]) -> None:
-        """Some of the windows from another fit of these."""
+        """Some of the windows from another fit of these; unknowns that come last may be more."""
         for name, own in vars(self).items():
-            own[at] = getattr(other, name)[of]
+            own[at] = getattr(other, name)[(of, *map(slice, own.shape[1:]))]
 
 
 def local_responses(windows: Sequence[Window]) -> Local:
@@ -163,14 +153,11 @@ def local_responses(windows: Sequence[Window]) -> Local:
     True
     """
     parts = [_told(windows[k : k + TOGETHER]) for k in range(0, len(windows), TOGETHER)]
-    return Local(
-        np.concatenate([part.response for part in parts]),
-        np.concatenate([part.std for part in parts]),
-        np.concatenate([part.coherence for part in parts]),
-    )
+    return Local(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
-def _told(windows: Sequence[Window]) -> Local:
+def _told(windows: Sequence[Window]) -> tuple[Complex, Array, Array]:
+    """Response, standard error and coherence."""
     stack = _Stack.of(windows)
     size = np.sum(np.abs(stack.output) ** 2, axis=1)
     fits = [_fitted(stack, degree) for degree in DENOMINATORS]
@@ -178,18 +165,18 @@ def _told(windows: Sequence[Window]) -> Local:
     best = np.argmin(prices, axis=0)
     count = stack.responses.shape[2]
     first = np.arange(count) * (DEGREE + 1)
-    chosen = fits[0].few(first)
+    chosen = fits[0]
     for degree, fit in enumerate(fits):
         at = np.flatnonzero(best == degree)
-        chosen.take(at, fit.few(first), at)
+        chosen.take(at, fit, at)
     fitted = np.isfinite(chosen.rss)[:, None]
     variance = chosen.rss / np.maximum(stack.lines - chosen.rank, 1)
-    unknown = ~fitted | chosen.lost | ~np.any(stack.responses[..., 0], axis=1)
+    unknown = ~fitted | chosen.lost[:, first] | ~np.any(stack.responses[..., 0], axis=1)
     with np.errstate(invalid="ignore"):
-        std = np.sqrt(variance[:, None] * chosen.size)
+        std = np.sqrt(variance[:, None] * chosen.size[:, first])
         coherence = np.column_stack([_coherence(stack, j, variance) for j in range(count)])
-    return Local(
-        np.where(unknown, np.nan, chosen.weights),
+    return (
+        np.where(unknown, np.nan, chosen.weights[:, first]),
         np.where(unknown, np.inf, std),
         np.where(unknown, 0.0, coherence),
     )
