@@ -41,6 +41,7 @@ DEGREE = 13
 """Of the polynomial in one interval: the next coefficient of a signal at half the sampling rate,
 ``J_14(pi / 2)``, is 1e-12 of its amplitude."""
 FEWEST = 8
+"""Samples from which an input is taken for band-limited: fewer tell nothing of its band."""
 PASS = 0.7
 """Share of the new Nyquist rate that passes unchanged."""
 ATTENUATION = 80.0

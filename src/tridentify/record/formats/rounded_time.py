@@ -33,6 +33,7 @@ SLACK = 0.1
 NICE = 3
 """Significant digits of a step that somebody has chosen."""
 EXACT = 4.0 * float(np.finfo(np.float64).eps)
+"""Relative error of a stamp that a program wrote: its own rounding, and that of a product."""
 
 
 def raster_behind(time: Array) -> Array | None:
