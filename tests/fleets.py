@@ -127,7 +127,7 @@ def start(folder: Path, out: Path, workers: object) -> subprocess.Popen[bytes]:
         [sys.executable, "-c", program, folder, out, str(workers)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": str(Path(__file__).parent)},
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])},
     )
 
 

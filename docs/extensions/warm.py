@@ -42,7 +42,7 @@ COMMAND = (sys.executable, "-IS", __file__, "ask")
 NEEDED = (
     *("ipykernel.kernelapp", "ipykernel.zmqshell", "matplotlib_inline.backend_inline"),
     *("matplotlib.figure", "matplotlib.backends.backend_agg", "matplotlib.backends.backend_svg"),
-    "tridentify.cli.app",
+    *("tridentify.cli.app", "tridentify.cli.groups", "tridentify.cli.tables"),
 )
 _STARTED: list[subprocess.Popen[bytes]] = []
 

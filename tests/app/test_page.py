@@ -102,16 +102,16 @@ DROP = """async (files) => {
 }"""
 
 
-def test_files_that_are_dropped_are_opened(browser, flights, tmp_path):
+def test_files_that_are_dropped_are_opened(seen):
     rows = "\n".join(f"{0.02 * k:.2f},{(-1) ** (k // 9)},{k % 7}" for k in range(90))
     units = "time,elevator,pitch rate\ns,deg,deg/s\n" + rows
-    with serving(tmp_path, flights, []) as server, tab(browser, server) as seen:
-        seen.page.evaluate(DROP, [["with units.csv", units], ["other.csv", "t,u,y\n" + rows]])
-        cards = seen.page.locator(".card.record .name")
-        expect(cards).to_have_text(["with units", "other"])
-        cards.first.click()
-        channels = seen.page.locator(".card.record.current .channels")
-        expect(channels).to_contain_text("pitch rate [deg/s]")
+    cards = seen.page.locator(".card.record .name")
+    before = cards.all_inner_texts()
+    seen.page.evaluate(DROP, [["with units.csv", units], ["other.csv", "t,u,y\n" + rows]])
+    expect(cards).to_have_text([*before, "with units", "other"])
+    cards.nth(len(before)).click()
+    channels = seen.page.locator(".card.record.current .channels")
+    expect(channels).to_contain_text("pitch rate [deg/s]")
 
 
 def test_pictures_over_time_are_linked(seen):

@@ -8,14 +8,14 @@ from collections.abc import Iterator
 import pytest
 import typer.main
 
-from tridentify.cli.app import app
+from tridentify.cli.app import program
 
 WIDE = {"COLUMNS": "400", "TERMINAL_WIDTH": "400"}
 
 
 def options() -> Iterator[tuple[str, str]]:
     """Every command with the help of each of its options."""
-    group = typer.main.get_command(app)
+    group = typer.main.get_command(program())
     for name, command in group.commands.items():  # type: ignore[attr-defined]
         yield from ((name, one.help) for one in command.params if getattr(one, "help", None))
 

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 import tridentify as tri
 from oracles import continuous_loop, sampled_loop
-from tridentify.cli.app import app
+from tridentify.cli.app import program
 
 CHANNEL = ([1.0, 2.0], [1.0, 1.2, 4.0])
 TRUTH = {"a1": 1.2, "a0": 4.0, "b1": 1.0, "b0": 2.0}
@@ -395,7 +395,7 @@ def test_the_command_line_takes_the_reference(tmp_path):
     path = tmp_path / "log.csv"
     np.savetxt(path, table, delimiter=",", header="t,u,r,y", comments="", fmt="%.17g")
     words = f"identify {path} --input u --output y --reference r --poles 2 --zeros 1 --json"
-    ran = CliRunner().invoke(app, words.split())
+    ran = CliRunner().invoke(program(), words.split())
     assert ran.exit_code == 0, ran.output
     told = json.loads(ran.stdout)
     assert told["route"] == "reference"

@@ -66,9 +66,19 @@ def test_a_reader_of_files_waits_for_no_mathematics() -> None:
 
 
 def test_the_command_line_starts_without_what_few_commands_need() -> None:
-    loaded = loaded_after("import tridentify.cli.app")
+    loaded = loaded_after("from tridentify.cli.app import program; program()")
+    assert "tridentify.cli.identify_command" in loaded
     slow = {"scipy.signal", "scipy.stats", "scipy.integrate", "matplotlib", "jinja2", "numba"}
     assert sorted(loaded & slow) == []
+
+
+def test_what_fits_no_model_waits_for_no_mathematics() -> None:
+    """`tridentify --version` and `tridentify channels` took a second before their first line."""
+    loaded = loaded_after(
+        "from tridentify.cli.app import program, run; run(['--version']); program(('channels',))"
+    )
+    assert "tridentify.cli.channels_command" in loaded
+    assert sorted(one for one in loaded if one.split(".")[0] in ("scipy", "numba")) == []
 
 
 JUDGED = """

@@ -205,6 +205,7 @@ def test_a_broken_contract_would_be_found(
 BY_NAME = {"import_module", "__import__", "importlib.import_module", "importlib.__import__"}
 MAY_IMPORT_BY_NAME = {
     "tridentify",  # the names of the front door, when they are first used
+    "tridentify.cli.app",  # the command that is asked for, of its own room
     "tridentify.record.formats.isolated",  # a reader of its own room
     "tridentify.writing.views",  # what an estimate shows of itself: the one way up
 }

@@ -206,7 +206,10 @@ def test_a_full_disk_ends_the_run_in_one_line_and_the_next_goes_on(
         text=True,
         check=False,
         timeout=120,
-        env={**os.environ, "PYTHONPATH": str(Path(fleets.__file__).parent)},
+        env={
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join([str(Path(fleets.__file__).parent), *sys.path]),
+        },
     )
     assert done.returncode == 1
     last = done.stderr.strip().splitlines()[-1]

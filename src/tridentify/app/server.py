@@ -106,6 +106,7 @@ KINDS = {
     ".svg": "image/svg+xml",
 }
 MOST_PIXELS = 5_000
+"""Across: more than any screen has, and more points than a picture shows."""
 NOT_TAKEN = (400, 404, 405)
 """Statuses of requests that reach no route, or whose body is not read."""
 LONGEST_WAIT = 5.0

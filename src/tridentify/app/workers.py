@@ -225,6 +225,7 @@ class Worker:
 
 JobState = Literal["queued", "running", "done", "failed", "cancelled"]
 KEPT = 200
+"""Jobs that are over, whose answers can still be asked for."""
 
 
 @dataclass

@@ -3,35 +3,18 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cache
+from importlib import import_module
 from types import FrameType
 from typing import Annotated, Any
 
 import typer
 from typer.main import get_command
 
-from tridentify.cli import (
-    advise_command,
-    app_command,
-    channels_command,
-    compare_command,
-    demo_command,
-    excite_command,
-    export_command,
-    fleet_command,
-    identify_command,
-    manoeuvres_command,
-    physical_command,
-    select_command,
-    stream_command,
-    study_command,
-    terminal,
-    validate_command,
-    warm_command,
-)
+from tridentify.cli import terminal
 from tridentify.cli.codes import BAD_INPUT, DONE, FAULT, INTERRUPTED, NO_ANSWER
-from tridentify.cli.groups import with_groups
+from tridentify.cli.spread_groups import with_groups
 from tridentify.errors import ConvergenceError, IdentifiabilityError, TridentifyError
 from tridentify.writing.views import unseen
 
@@ -41,34 +24,25 @@ EXIT_CODES = (
     "standard error."
 )
 
-app = typer.Typer(
-    name=terminal.PROGRAM,
-    help="Physical coefficients of continuous-time models from sampled, noisy records.",
-    epilog=EXIT_CODES,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-COMMANDS: dict[str, Callable[..., None]] = {
-    "advise": advise_command.advise,
-    "manoeuvres": manoeuvres_command.manoeuvres,
-    "identify": identify_command.identify,
-    "select": select_command.select,
-    "physical": physical_command.physical,
-    "channels": channels_command.channels,
-    "demo": demo_command.demo,
-    "stream": stream_command.stream,
-    "app": app_command.workbench,
-    "study": study_command.study,
-    "fleet": fleet_command.fleet,
-    "excite": excite_command.excite,
-    "export": export_command.export,
-    "validate": validate_command.validate,
-    "warm": warm_command.warm,
-    "compare": compare_command.compare_models,
+COMMANDS = {
+    "advise": "advise_command.advise",
+    "manoeuvres": "manoeuvres_command.manoeuvres",
+    "identify": "identify_command.identify",
+    "select": "select_command.select",
+    "physical": "physical_command.physical",
+    "channels": "channels_command.channels",
+    "demo": "demo_command.demo",
+    "stream": "stream_command.stream",
+    "app": "app_command.workbench",
+    "study": "study_command.study",
+    "fleet": "fleet_command.fleet",
+    "excite": "excite_command.excite",
+    "export": "export_command.export",
+    "validate": "validate_command.validate",
+    "warm": "warm_command.warm",
+    "compare": "compare_command.compare_models",
 }
-for _name, _command_of in COMMANDS.items():
-    app.command(_name)(with_groups(_command_of))
+"""Where each is, by module and function: only what is asked for is loaded."""
 
 
 def _show_version(asked: bool) -> None:
@@ -79,7 +53,6 @@ def _show_version(asked: bool) -> None:
         raise typer.Exit()
 
 
-@app.callback(invoke_without_command=True)
 def start(
     context: typer.Context,
     version: Annotated[
@@ -94,6 +67,39 @@ def start(
     if context.invoked_subcommand is None:
         terminal.show(context.get_help())
         raise typer.Exit(BAD_INPUT)
+
+
+def needed(arguments: Sequence[str]) -> tuple[str, ...]:
+    """Names of the commands that have to be loaded; all where they are listed.
+
+    Examples
+    --------
+    >>> needed(["channels", "flight.csv"]), needed(["--version"]), len(needed(["--help"])) > 10
+    (('channels',), (), True)
+    """
+    first = next((one for one in arguments if one != "--debug"), "")
+    if first in COMMANDS:
+        return (first,)
+    return () if first == "--version" else tuple(COMMANDS)
+
+
+@cache
+def program(names: tuple[str, ...] = tuple(COMMANDS)) -> typer.Typer:
+    """The program with some of its commands."""
+    made = typer.Typer(
+        name=terminal.PROGRAM,
+        help="Physical coefficients of continuous-time models from sampled, noisy records.",
+        epilog=EXIT_CODES,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    made.callback(invoke_without_command=True)(start)
+    for name in names:
+        module, function = COMMANDS[name].split(".")
+        command = getattr(import_module(f"tridentify.cli.{module}"), function)
+        made.command(name)(with_groups(command))
+    return made
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -124,7 +130,8 @@ def run(arguments: Sequence[str]) -> int:
     with terminal.patient_streams(), termination, unseen():
         try:
             terminal.check_output()
-            code = _command().main(given, prog_name=terminal.PROGRAM, standalone_mode=False)
+            command = _command(needed(given))
+            code = command.main(given, prog_name=terminal.PROGRAM, standalone_mode=False)
             if code == INTERRUPTED:  # newer versions of typer turn an interrupt into this code
                 raise KeyboardInterrupt
             terminal.see_off()
@@ -142,9 +149,9 @@ def run(arguments: Sequence[str]) -> int:
 
 
 @cache
-def _command() -> Any:
-    """The commands as they are run, made of their functions once."""
-    return get_command(app)
+def _command(names: tuple[str, ...]) -> Any:
+    """The program as it is run, made of its functions once."""
+    return get_command(program(names))
 
 
 def _explain(error: BaseException) -> int:

@@ -47,8 +47,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # the last thing at exit: from there on Python would leave the signal to kill the process
         atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
     _fill_closed_descriptors()
-    from tridentify.cli.app import run
+    from tridentify.cli.app import needed, program, run
 
+    program(needed(sys.argv[1:]))
     try:
         if interruptible:
             signal.signal(signal.SIGINT, signal.default_int_handler)

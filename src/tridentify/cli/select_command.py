@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from tridentify.judgement.selection import Selection
 
 MOST = 200
+"""Structures: a second each on a slow machine is three minutes."""
 
 
 def select(

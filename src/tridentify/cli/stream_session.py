@@ -34,6 +34,7 @@ Ints = NDArray[np.int64]
 BLOCK = 8192
 """Most samples between two looks at whether to stop."""
 ROUNDING = 1e-9
+"""Of a time over the interval between two lines."""
 LONGEST_GAP = 10_000
 """Most missing samples that stand in for a gap."""
 MOST_HELD = 1000

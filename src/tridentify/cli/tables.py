@@ -17,7 +17,6 @@ from tridentify.estimation.answer.finding import Finding, beside_errors
 from tridentify.estimation.answer.parameter import NOT_DETERMINED
 from tridentify.estimation.answer.trust import unusable
 from tridentify.record.record import Record
-from tridentify.uncertainty import DerivedQuantity, derived
 from tridentify.writing.layout import IN_TABLES, format_std, format_value, printable, short
 
 HELD = {
@@ -68,6 +67,8 @@ def make_table(titles: Sequence[str], groups: Iterable[Iterable[Sequence[str]]])
 
 def coefficient_table(estimate: Estimate) -> Table:
     """Coefficients, then what follows from them, then what was estimated along."""
+    from tridentify.uncertainty.roots import derived
+
     titles = ("coefficient", "value", "std error", "95 % from", "to", "unit")
     named = [
         parameter_row(item, estimate.held_note(item.name)) for item in estimate.parameters.values()
@@ -94,7 +95,7 @@ def fit_table(estimate: Estimate) -> Table:
 
 def along(estimate: Estimate) -> tuple[Parameter, ...]:
     """Offsets and drifts that were estimated along."""
-    return tuple(DerivedQuantity(*row) for row in estimate.nuisance_rows())
+    return tuple(Parameter(*row) for row in estimate.nuisance_rows())
 
 
 def fits(estimate: Estimate) -> list[dict[str, Any]]:
@@ -186,6 +187,8 @@ def estimate_document(estimate: Estimate, records: Sequence[Record]) -> dict[str
     dict
         Plain values and arrays; not yet free of nan. ``record`` is the first of ``experiments``.
     """
+    from tridentify.uncertainty.roots import derived
+
     status = estimate.status
     experiments = [_record_entry(record) for record in records]
     return {

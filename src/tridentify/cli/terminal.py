@@ -33,7 +33,9 @@ from tridentify.writing.layout import printable
 
 PROGRAM = "tridentify"
 TEXT_WIDTH = 78
+"""Columns of running text: two fewer than the narrowest usual terminal has."""
 UNLIMITED = 10_000
+"""Columns for what no person reads: a pipe cuts no table."""
 SILENCE = 1.0
 """How long a stage that is mostly over at once may take before a plain line names it [s]."""
 

@@ -11,7 +11,10 @@ from tridentify.errors import OptionError, shown
 from tridentify.numerics.arrays import Array
 
 WHOLE = 1e-6
+"""Relative error of a duration over a step that passes for a whole number: what decimal text
+leaves."""
 MOST_SAMPLES = 20_000_000
+"""160 MB a channel; more is a duration in milliseconds, or a step in microseconds."""
 
 
 def positive(label: str, value: object) -> float:

@@ -25,10 +25,15 @@ from tridentify.numerics.arrays import Array
 Lines = NDArray[np.intp]
 
 NORMS = (4, 16, 64, 256)
+"""As in Guillaume et al.: each norm is smooth at the end of the one before."""
 STEPS = 60
+"""Quasi-Newton steps for each norm: the next norm goes on from there."""
 FEW_LINES = 24
+"""Up to here Schroeder's phases are a poor start, and a descent costs milliseconds."""
 STARTS_OF_FEW = 6
+"""Schroeder's phases and random ones."""
 STARTS = 2
+"""The same for many lines: one random start beside Schroeder's phases."""
 
 
 def signal_of(harmonics: Lines, amplitudes: Array, phases: Array, n: int) -> Array:

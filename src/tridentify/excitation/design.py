@@ -40,6 +40,7 @@ from tridentify.numerics.arrays import Array
 Criterion = Literal["A", "D"]
 
 NEGLIGIBLE = 1e-12
+"""Share of the largest power below which a line adds rounding to the information."""
 
 
 @dataclass(frozen=True, eq=False)

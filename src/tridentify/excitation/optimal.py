@@ -52,9 +52,14 @@ from tridentify.writing.layout import format_table, html_table
 Shape = Literal["multisine", "binary"]
 
 SHOWN = 1e-2
+"""Share of an input's power from which a line is worth a row of the table."""
 LINES_KEPT = 2e-3
+"""Share of a candidate that belongs to a line: what the iteration leaves between lines is
+smaller."""
 PER_PERIOD = 20.0
+"""Samples in the period of the fastest line: held steps then are a delay of a fortieth of it."""
 PERIODS = 10.0
+"""Of the slowest line in a record: its power does not leak into the neighbours."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

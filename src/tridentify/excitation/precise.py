@@ -46,6 +46,7 @@ from tridentify.uncertainty.sampled import sample
 Plan = Excitation | Record
 
 SAME_STEP = 1e-3
+"""Relative difference of two sampling steps that are one: steps are written with three digits."""
 
 
 def precision(

@@ -16,6 +16,7 @@ from tridentify.numerics.arrays import Array
 from tridentify.writing.layout import format_std, format_table, format_value, html_table
 
 LARGEST = 1e9
+"""Factor of amplitude or of repetitions beyond which no plan is looked for."""
 
 
 VISIBLY = 1.1

@@ -17,6 +17,8 @@ from tridentify.numerics.arrays import Array
 from tridentify.transfer_function import TransferFunction
 
 HALF_POWER = 2.8
+"""Clock period times the fastest frequency: there ``sinc(omega T / 2)^2``, the spectrum of a PRBS,
+is half of its largest value."""
 
 
 def usual_inputs(

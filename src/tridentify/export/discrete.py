@@ -38,7 +38,10 @@ from tridentify.transfer_function import TransferFunction
 Method = Literal["zoh", "tustin"]
 
 WHOLE = 1e-9
+"""Relative error of a delay over a step that passes for a whole number: rounding of the
+quotient."""
 LONGEST_DELAY = 1_000_000
+"""Steps: each takes a place in the state of the program that is written."""
 
 
 @dataclass(frozen=True, eq=False)

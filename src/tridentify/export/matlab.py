@@ -35,6 +35,7 @@ from tridentify.writing.layout import format_std
 
 HEADER = b"MATLAB 5.0 MAT-file, made by tridentify"
 LONGEST_NAME = 63
+"""`namelengthmax` of MATLAB."""
 
 
 def write_matlab(model: TransferFunction | Estimate, path: str | os.PathLike[str]) -> Path:

@@ -57,9 +57,13 @@ from tridentify.numerics.levinson import autocovariance, stationary_polynomial
 from tridentify.numerics.recent import recent
 
 PER_COEFFICIENT = 10
+"""Samples for each coefficient: with fewer the information criterion does not hold."""
 PER_DECADE = 10.0
+"""Coefficients for each decade of the number of samples: ``10 log10 N``."""
 NEARLY_ONE = 1.0 - 1e-5
+"""Largest reflection coefficient: the process stays stationary."""
 PREDICTED = 1e-8
+"""Share of the power: what is left below it is rounding."""
 FEW_GAINS = 8
 """Series whose gains are kept: outputs and experiments in turn."""
 REMEMBERED = 64

@@ -26,11 +26,18 @@ from tridentify.numerics.arrays import Array
 Ints = NDArray[np.intp]
 
 OFF_GRID = 0.05
+"""Of a step: how far a value may lie from the grid; rounding in a conversion of units is less."""
 SAME = 1e-12
+"""Relative difference of two values that are one: rounding."""
 PARTS = (1, 2, 3, 4)
+"""Whole parts of the smallest difference that may be the step."""
 FEWEST_VALUES = 6
+"""Distinct values from which a grid is told: with four beyond the two that make it, chance does so
+once in ten thousand."""
 MOST_QUANTA = 1e7
+"""Over the range: a converter of 23 bits has fewer."""
 FEW_VALUES = 10_000
+"""Samples that are looked at first: where they have no step, the others need not be sorted."""
 LARGER = 10.0
 """Times the smallest difference of two values beyond which there is no step."""
 

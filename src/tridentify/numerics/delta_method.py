@@ -33,6 +33,8 @@ from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.exponential import step_states
 
 LEAST_VARIANCE = 1e-15
+"""Relative to the squared terms it is made of: four units of rounding, from which nothing is
+told."""
 
 
 def standard_deviation(jacobian: Array, cov: Array) -> Array:

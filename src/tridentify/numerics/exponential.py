@@ -12,6 +12,8 @@ import numpy as np
 from tridentify.numerics.arrays import Array
 
 SAME_STEP = 1e-12
+"""Steps that differ by less, relative to the last time, share one exponential: rounding of
+times."""
 
 
 def exponential(a: Array) -> Array:

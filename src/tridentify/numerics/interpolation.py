@@ -36,11 +36,18 @@ from tridentify.numerics.discretize import weight_of
 from tridentify.numerics.exponential import exponential
 
 HALF = 32
+"""Samples to either side, and the window's shape: together 1e-6 of the amplitude up to 0.85 of half
+the sampling rate."""
 BETA = 12.0
 DEGREE = 13
+"""Of the polynomial in one interval: the next coefficient of a signal at half the sampling rate,
+``J_14(pi / 2)``, is 1e-12 of its amplitude."""
 FEWEST = 8
+"""Samples from which an input is taken for band-limited: fewer tell nothing of its band."""
 PASS = 0.7
+"""Share of the new Nyquist rate that passes unchanged."""
 ATTENUATION = 80.0
+"""Decibels by which what would fold back is weakened."""
 
 
 def kernel(x: Array) -> Array:

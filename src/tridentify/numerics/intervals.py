@@ -35,11 +35,17 @@ from tridentify.numerics.discretize import weight_of
 from tridentify.numerics.exponential import exponential
 
 BASE = 64
+"""Entries of a table: three levels of 64 reach 4e-6 of the longest length, where the series is
+short."""
 MOST_TABULATED = 128
+"""Different lengths up to which each has its exponential: as many as two tables hold."""
 MOST_LEVELS = 12
+"""Digits that are tried: with 12 the rest is 1e-20 of the longest length, below rounding."""
 SERIES = 1e-17
+"""Relative bound of the terms of the Taylor series that are left out: a twentieth of rounding."""
 RESOLUTION = float(np.finfo(np.float64).eps)
 SNAP = 1e-9
+"""Share of a step within which an event belongs to an instant: rounding of a delay and of text."""
 
 
 @dataclass(frozen=True, eq=False)

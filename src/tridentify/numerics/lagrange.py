@@ -30,6 +30,7 @@ from tridentify.numerics.arrays import Array, Flags
 from tridentify.numerics.least_squares import ROUNDING, least, triangle, upper
 
 SPAN_CUTOFF = 1e-6
+"""Part of a column outside of the others, relative to it, below which it lies in their span."""
 
 
 class Added(NamedTuple):

@@ -54,8 +54,13 @@ from tridentify.numerics.arrays import Array
 from tridentify.numerics.compiled import linked as compiled
 
 NEGLIGIBLE = 1e-11
+"""Part of a row outside of what came before, relative to its largest entry, below which it is
+rounding."""
 RENEWED, LOST = 0.05, 1e-20
+"""Share of what is forgotten that has to arrive anew for it to be forgotten at all; and what is
+left of a column that is gone, relative to the first of the others."""
 TINY = 1e-250
+"""Squares below it are no numbers that can be divided by."""
 
 
 @compiled("UniTuple(float64, 2)(float64[::1], int64, int64, int64, int64, int64)", inline=True)

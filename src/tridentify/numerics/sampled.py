@@ -42,6 +42,8 @@ from tridentify.numerics.propagate import propagate
 MOST_LATE = 2.0**52
 """Samples of a delay, beyond which it is later than the end of any record."""
 WHOLE = 1e-9
+"""Relative error of a delay over a step that passes for a whole number: rounding of the
+quotient."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,10 @@ from tridentify.numerics.autoregression import Whitener, most_coefficients, whit
 from tridentify.numerics.least_squares import solve
 
 FALSE_ALARMS = 0.01
+"""Of the tests on white noise: one record in a hundred."""
 DENSE, SPARSE = 8, 14
+"""Lags from one on that are all looked at, and how many are from there to a quarter of the record,
+each a fixed factor beyond the last: colour is either near or slow."""
 
 
 def is_white(series: Sequence[Array], rate: float = FALSE_ALARMS) -> bool:

@@ -36,12 +36,20 @@ from tridentify.physical.model import PhysicalModel
 Known = Mapping[str, tuple[float, float]]
 
 RELATIVE_FLOOR = 1e-12
+"""Relative standard error a coefficient has at least: one without any would weigh infinitely."""
 SINGULAR = 1e-13
+"""Share of the largest eigenvalue of the correlation that every one has: what rounding leaves of
+zero."""
 SCATTERED = 18
+"""Starts beside the inverse and the guesses: six at each width."""
 WIDTHS = (1.0, 2.5, 5.0)
+"""Standard deviations of the scatter, in logarithms: factors of 3, 12 and 150."""
 SAME = 1e-4
+"""Relative difference of two solutions that are one: the search ends to six digits."""
 INDISTINGUISHABLE = 3.84
+"""95 % point of chi-square of one degree of freedom."""
 TIE = 1e-3
+"""Distance within which two solutions explain the coefficients equally well."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -48,6 +48,7 @@ from tridentify.record.record import Record
 Fit = Literal["likelihood", "distance"]
 
 WEAK = 1.0
+"""Relative standard error from which a parameter is called poorly known: its sign is open."""
 
 
 def estimate_physical(

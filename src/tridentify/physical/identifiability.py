@@ -35,11 +35,17 @@ from tridentify.physical.model import DIFFERENCE_STEP, PhysicalModel, difference
 Powers = tuple[tuple[str, Fraction], ...]
 
 POINTS = 8
+"""Around the estimate: the rank at one or two of them may be an accident."""
 BEST = 5
+"""Points that decide: those where the null space is told apart best."""
 SPREAD = 1.5
+"""Of the points, in logarithms: factors up to 4.5."""
 INDEPENDENT = 1e-9
+"""Relative size of a row or singular value below which it is zero: differences have ten digits."""
 LARGEST_DENOMINATOR = 12
+"""Of an exponent that is put into words."""
 EXACT = 1e-6
+"""Sizes below it are zero: the points agree on a direction to some eight digits."""
 
 
 @dataclass(frozen=True)

@@ -27,12 +27,19 @@ from tridentify.physical.distance import Restriction
 from tridentify.physical.profile import HeldResidual, Profile
 
 PROFILE_STEP = 1e-2
+"""Step of the differences in standard errors: the curvature of the residual within it is small."""
 LEAST_MOVE = 1e-6
+"""Of the logarithm of a parameter: below it the difference is rounding."""
 MOST_MOVE = 1e-3
+"""The same, above which it is no derivative any more."""
 MOST_ROUNDS = 12
+"""Of the weights: each round gains one or two digits."""
 SETTLED = 1e-7
+"""Relative change of a noise variance that stands still."""
 ROUNDING = 1e-22
+"""Of a sum of squares relative to that of the output: residuals of 1e-11 of it are none."""
 NEGLIGIBLE = 1e-9
+"""To the power of 3/2, the share of the largest singular value from which a direction is known."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,6 +19,7 @@ HEIGHT = 1.5
 """Of the axes of one coefficient [inch]."""
 
 MOST_BINS = 60
+"""Of a histogram: bars of two pixels are no bars."""
 
 TAIL = 0.005
 """Share of the units at either end that may lie beyond the scale: they are counted in the last bar,

@@ -62,6 +62,7 @@ GROW = 3.0
 POINTS = 300
 """In each stretch of the time axis."""
 PER_PERIOD = 24.0
+"""Points in the fastest period of a model: a polygon of 24 sides looks round."""
 AIR = 0.6
 """How far a band may reach beyond the line, as a share of the line's range."""
 

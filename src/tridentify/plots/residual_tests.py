@@ -18,10 +18,15 @@ if TYPE_CHECKING:
 
 
 HEIGHT, SQUARE = 1.5, 2.2
+"""Inches of a panel over time or lag, and of the square one."""
 WINDOWS = 20
+"""Of the running spread: each has a twentieth of the record,"""
 FEWEST = 9
+"""and at least this many samples."""
 MOST_POINTS = 2000
+"""Of the quantiles: more are drawn over each other."""
 LONG_NAME = 22
+"""Letters of a channel that fit beside a panel."""
 GAP = 0.06
 """Between experiments that stand beside each other, as a share of one."""
 MOST_TICKS = 9

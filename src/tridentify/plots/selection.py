@@ -28,6 +28,7 @@ CRITERIA = (
 LINEAR = 10.0
 """Differences of criteria are drawn to scale up to here, beyond it by their logarithm."""
 CROWDED = 8
+"""Labels, or letters of one, beyond which they are turned."""
 
 
 def plot_selection(selection: Selection, *, axes: Sequence[Axes] | None = None) -> style.Panels:

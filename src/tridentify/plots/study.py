@@ -142,6 +142,7 @@ def _response_limits(truth: Array, bands: Sequence[Array]) -> tuple[float, float
 ROWS = ((0, "a1 / true a1 [-]"), (1, "a0 / true a0 [-]"))
 MARKERS = ("s", "o", "^")
 PAPERS_SAMPLES = 100
+"""Length of the records in the paper's table."""
 SHIFT = 0.05
 """Between the estimators, so that points at one noise level do not hide each other."""
 

@@ -17,6 +17,7 @@ from tridentify.record.checks.times import instant
 from tridentify.record.samples import Samples
 
 MOST_SAMPLES = 20_000_000
+"""160 MB a channel; more is a step in microseconds, or a gap of years."""
 
 
 class Resampled(Samples):

@@ -66,6 +66,7 @@ from tridentify.transfer_function import TransferFunction
 PLANT = TransferFunction([0.5], [1.0, 1.0, 3.0], input_names=["x"], output_names=["y"])
 STRUCTURE = Structure(2, 0, offset=False, initial_state="rest")
 FILTER = (1.0, 5.0, 6.0, 7.0)
+"""Of the paper's Step 2 alone: ``c(p)``, descending powers."""
 BATCH = 5
 """Noise draws that a process takes at a time: short enough for progress and for Ctrl-C."""
 

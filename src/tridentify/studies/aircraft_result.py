@@ -26,6 +26,7 @@ COEFFICIENTS = ("a1", "a0", "b0")
 """In the order of ``theta``; ``b0`` is the paper's b."""
 UNITS = ("1/s", "1/s^2", "1/s^2")
 TRUTH = (1.0, 3.0, 0.5)
+"""``a1``, ``a0`` and ``b0`` of the paper's aircraft."""
 ESTIMATORS = ("Step 2 alone", "Steps 1-4", "ThreeModel()")
 RATIOS = (0.0, 0.5, 1.0, 2.0, 3.0)
 """Noise over signal in the paper's table."""

@@ -36,6 +36,8 @@ from tridentify.numerics.realization import Cascade, DegreeBasis, denominator, n
 from tridentify.record.record import Record
 
 ALMOST = 1e-6
+"""Real part relative to the magnitude of a pole from which it counts as unstable: rounding of
+roots."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -47,6 +47,7 @@ from tridentify.uncertainty.stable_scale import stable_draws
 from tridentify.uncertainty.step import StepBand
 
 ONE_SIGMA = 0.6826894921370859
+"""Probability within one standard deviation of a normal variable."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,6 +33,7 @@ from tridentify.numerics.arrays import Array
 Table = list[tuple[list[int], list[list[int]]]]
 
 STEP = 1e-30
+"""Imaginary: a complex step subtracts nothing, so that it may be far below rounding."""
 FARTHEST = 60.0
 """Draws stay within ``e^60`` of the estimate, so that no product of them overflows."""
 

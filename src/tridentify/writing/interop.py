@@ -24,7 +24,9 @@ from tridentify.numerics.arrays import Array
 Nested = list[list[Array]]
 
 ROUNDING = 1e-12
+"""Share of the largest term below which a coefficient of another package's model is zero."""
 APART = 1.5
+"""Ratio of two magnitudes from which roots are no cluster."""
 
 
 class Coefficients(NamedTuple):

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from tridentify.errors import DataError, TooFewSamplesError
 from tridentify.estimation.answer.trace import freeze_arrays
 from tridentify.estimation.methods.base import check_signals, check_times
-from tridentify.judgement.advice.local import DEGREE, Window, local_response
+from tridentify.judgement.advice.local import DEGREE, Window, local_responses
 from tridentify.judgement.advice.spectra import Stretch, Told, stretches
 from tridentify.numerics.arrays import Array, Complex, Flags
 from tridentify.record.record import Record
@@ -210,12 +210,12 @@ def frequency_response(records: Record | Sequence[Record]) -> FrequencyResponse:
     coherence, power = np.zeros(size), np.zeros((omega.size, first.n_inputs))
     for i, (parts, _) in enumerate(cut):
         joined = _Lines.of(parts)
-        for k, one in enumerate(omega):
-            window = joined.near(float(one))
-            found = local_response(window)
-            response[k, i], std[k, i] = found.response, found.std
-            coherence[k, i] = found.coherence
-            power[k] = np.maximum(power[k], np.mean(np.abs(window.inputs) ** 2, axis=0))
+        windows = [joined.near(float(one)) for one in omega]
+        found = local_responses(windows)
+        response[:, i], std[:, i] = found.response, found.std
+        coherence[:, i] = found.coherence
+        own = [np.mean(np.abs(window.inputs) ** 2, axis=0) for window in windows]
+        power = np.maximum(power, own)
     largest = power.max(axis=0)
     power = power / np.where(largest > 0, largest, 1.0)
     notes = tuple(dict.fromkeys(note for _, told in cut for note in _in_words(told)))

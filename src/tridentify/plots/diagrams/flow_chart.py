@@ -23,8 +23,11 @@ from tridentify.plots.diagrams.words import FINE, elided, number
 from tridentify.writing.layout import IN_PICTURES, format_std, format_value, short
 
 MOST_PASSES = 12
+"""Rows that still make a chart; what is between is left out and said."""
 MOST_STARTS = 4
+"""The same of starts, the best first,"""
 MOST_COEFFICIENTS = 8
+"""and of coefficients."""
 LEFT, WIDTH, GAP = 12.0, 318.0, 26.0
 TABLE = 392.0
 SMALL = 12.0

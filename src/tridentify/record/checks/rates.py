@@ -8,7 +8,9 @@ from tridentify.errors import LengthMismatchError, NonUniformTimeError
 from tridentify.numerics.arrays import Array
 
 SAME = 1e-6
+"""Share of a step within which two instants are one: rounding of text and of clocks."""
 APART = 3.0
+"""Steps of a channel between two of its samples that are a gap: nothing is joined across it."""
 
 
 def merge_rates(

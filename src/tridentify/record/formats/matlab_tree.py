@@ -34,9 +34,13 @@ from tridentify.record.formats.isolation import check_size
 __all__ = ["MatlabFile", "Node", "Numbers", "Opaque"]
 
 DEEPEST = 8
+"""Structures within structures: an end for references that go in circles."""
 MOST_ELEMENTS = 100
+"""Of an array of structures or a cell: more are a table of events and no signals."""
 MOST_COLUMNS = 1000
+"""Of a matrix of signals: more columns than that are samples, on their side."""
 MOST_CHANNELS = 100_000
+"""Of a file; the largest flight-test files have some 80,000."""
 
 
 @dataclass(frozen=True)

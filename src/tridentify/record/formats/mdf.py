@@ -30,6 +30,7 @@ FUNCTIONS = frozenset({"x", "x1", "abs", "sqrt", "exp", "log", "log10", "pow", "
 }
 TIME_SYNC = (0, 1)
 DEEPEST = 8
+"""Conversions within conversions: an end for some that go in circles."""
 
 _TOKEN = re.compile(
     r"\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+(?:[eE][-+]?\d+)?|[A-Za-z_]\w*|[-+*/^(),%<>\s]"

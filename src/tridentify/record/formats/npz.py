@@ -22,6 +22,7 @@ from tridentify.record.formats.isolation import check_size
 __all__ = ["NpzFile", "open_file"]
 
 MOST_COLUMNS = 1000
+"""As of `matlab_tree`: more columns than that are samples, on their side."""
 
 
 @dataclass(frozen=True)

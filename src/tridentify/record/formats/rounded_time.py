@@ -19,6 +19,7 @@ from tridentify.record.checks.times import uniform_step
 FEWEST = 20
 """Stamps from which a raster through all of them is no chance."""
 MOST_DECIMALS = 9
+"""Nanoseconds, the finest that files write."""
 DIGITS = range(4, 10)
 """Significant digits that a program may have written."""
 FINE = 0.5
@@ -32,6 +33,7 @@ SLACK = 0.1
 NICE = 3
 """Significant digits of a step that somebody has chosen."""
 EXACT = 4.0 * float(np.finfo(np.float64).eps)
+"""Relative error of a stamp that a program wrote: its own rounding, and that of a product."""
 
 
 def raster_behind(time: Array) -> Array | None:

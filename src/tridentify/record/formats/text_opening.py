@@ -15,6 +15,7 @@ COMMENTS = ("#", "%")
 LONGEST_ROW = 1 << 24
 """Characters in a row (or a line) beyond which the file is no table: a million columns of 16."""
 CHUNK = 1 << 20
+"""Bytes at a time: no text is held twice in memory."""
 
 
 _CONTROLS = re.compile(rb"[\x00-\x08\x0e-\x1f\x7f-\x9f]")

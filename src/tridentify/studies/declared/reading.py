@@ -44,9 +44,14 @@ from tridentify.studies.declared.nouns import (
 DRAWS = 200
 """Where a file does not say how many."""
 MOST_DRAWS = 100_000
+"""Far beyond what a statistic of an estimator needs; more is a slip."""
 MOST_SEED = 2**63
+"""Seeds are stored as signed numbers of 64 bits."""
 MOST_SAMPLES = 1_000_000
+"""Of a simulated record, which every draw holds in memory."""
 MOST_DEGREES = 20
+"""Poles of a simulated system: beyond, the coefficients do not hold their roots in double
+precision."""
 MEASURES = ("std", "ratio", "snr")
 PARTS = ("systems", "inputs", "noises", "methods")
 STRUCTURE = Offered(("offset", "drift", "initial_state"))

@@ -52,6 +52,8 @@ __all__ = ["RowReader"]
 
 
 _FEW = 16
+"""Lines that are read one by one rather than in halves: those among them that are wrong are
+named."""
 _PARTS = ("lines", "form", "separator", "names", "header_units", "columns")
 _BOM = b"\xef\xbb\xbf"
 _EXCEL = re.compile(r"sep=.")

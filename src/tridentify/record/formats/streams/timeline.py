@@ -44,7 +44,9 @@ SET_BACK = 10
 ROUNDING = 1e-12
 """Of time stamps that are far from zero, relative to these."""
 _WINDOW = 4096
+"""Samples that are looked at together for an even step."""
 _FEW = 16
+"""Samples of a window that were even, from which the next window is worth a look."""
 
 
 def nominal_step(t: Array) -> float | None:
