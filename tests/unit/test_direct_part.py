@@ -189,3 +189,34 @@ def test_a_smooth_input_nearly_always_tells_a_direct_part() -> None:
     assert sum(has_direct_part([smooth(seed, [1.0, 0.0, 0.0])]) for seed in seeds) >= 8
     proper = [[9.0], [3.0, 0.0]]
     assert not any(has_direct_part([smooth(seed, num)]) for seed in seeds for num in proper)
+
+
+def swept(seed: int, numerator: list[float] | None = None, n: int = 1000) -> Record:
+    """An accelerometer on two close modes under a sweep whose force is measured."""
+    rng = np.random.default_rng([710, seed])
+    t = np.arange(n) / 512
+    u = np.sin(2 * np.pi * (5 * t + 85 * t * t / (2 * t[-1])))
+    force = Record(u, u, dt=1 / 512, intersample="foh")
+    y = np.zeros(n)
+    for hertz in rng.uniform(25.0, 60.0) * np.array([1.0, 1.1]):
+        w = 2 * np.pi * hertz
+        mode = TransferFunction(numerator or [1.0, 0.0, 0.0], [1.0, 0.03 * w, w * w])
+        y += simulate(mode, force)[:, 0]
+    y += 0.02 * np.std(y) * rng.standard_normal(n)
+    return Record(u + 0.002 * rng.standard_normal(n), y, dt=1 / 512, intersample="auto")
+
+
+def test_a_force_that_is_measured_under_a_sweep_tells_a_direct_part() -> None:
+    """Where operators miss too much of two resonances, only the candidates themselves tell."""
+    assert sum(has_direct_part([swept(seed)]) for seed in range(4)) >= 3
+    assert not any(has_direct_part([swept(seed, [4e4])]) for seed in range(4))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(4, 7))
+def test_two_close_modes_of_an_accelerometer_under_a_sweep_are_found(seed: int) -> None:
+    found = select_structure(swept(seed, n=500)).recommended
+    assert found is not None
+    assert (found.structure.poles, found.structure.zeros) == (4, 4)
+    assert found.estimate is not None
+    assert found.estimate.fit[0] > 95.0

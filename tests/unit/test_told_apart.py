@@ -118,3 +118,11 @@ def test_a_resistance_shows_its_current_and_is_no_controller():
     record = Record(current, volts, dt=2.0, intersample="zoh")
     assert laws([record])[0].lags is not None
     assert "loop-not-excited" not in [one.code for one in identify(record, (1, 1)).findings]
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_where_nothing_tells_the_plant_no_other_cause_has_a_remedy(seed):
+    record = silent("P", 0, seed).record
+    told = [one.code for one in identify(record, (2, 0), throw=False).findings]
+    assert "loop-not-excited" in told
+    assert not {"order-low", "order-high", "intersample", "delay", "drift"} & set(told)

@@ -80,6 +80,11 @@ asked of every output and input."""
 CONTRADICTED = 3.5
 """Standard errors by which small moves may say something else than all others."""
 
+ANSWERED = 8.0
+"""Standard errors from which an output goes along with small moves of a smooth input: what a sensor
+adds to an input moves no output, little else of a sweep is unforeseen, and the noise that a
+controller passes on at once shows in tens and hundreds."""
+
 SHARED = 0.5
 """Share of the response to small moves that the others have to show: behind a controller they have
 next to none, but a misfit of the plant is significant in a long record."""
@@ -181,11 +186,44 @@ def _output_responds(records: Sequence[Record], output: int) -> bool:
             continue
         if not _is_a_controller(whole, errors, j, moves.start + j):
             return True
-    sizes = np.std(np.vstack(surprises), axis=0)
-    usual = np.std(np.vstack([record.u for record in records]), axis=0)
-    if any(record.behaviour == "zoh" for record in records) or np.any(sizes > FORESEEN * usual):
+    known = any(record.behaviour == "zoh" for record in records)
+    if known or _is_answered(matrix, target, surprises, records):
         return False
     return _is_likelier(records, output)
+
+
+def _is_answered(
+    matrix: Array, target: Array, surprises: Sequence[Array], records: Sequence[Record]
+) -> bool:
+    """Whether an output goes along with small moves of a smooth input, as behind a controller."""
+    sizes = np.std(np.vstack(surprises), axis=0)
+    usual = np.std(np.vstack([record.u for record in records]), axis=0)
+    for j in np.flatnonzero(sizes > FORESEEN * usual):
+        # without the whole moves, which the past of a smooth input tells, the small ones answer
+        found, root = _solved(np.delete(matrix, j, axis=1), target)
+        if _stands_out(found, root, (DENSE + 1) * usual.size + int(j) - 1, ANSWERED):
+            return True
+    return False
+
+
+def may_have_direct_part(records: Sequence[Record]) -> bool:
+    """Whether the inputs are smooth and no controller made them, so that only models can tell.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    """
+    if any(record.dt is None or record.behaviour == "zoh" for record in records):
+        return False
+    parts = [beginning(record, LONGEST) for record in records]
+    surprises = small_surprises(parts)
+    try:
+        return not any(
+            _is_answered(*_columns(*_bank(parts, i, False), surprises), surprises, parts)
+            for i in range(records[0].n_outputs)
+        )
+    except (TridentifyError, np.linalg.LinAlgError, ValueError):
+        return False
 
 
 def _is_likelier(records: Sequence[Record], output: int) -> bool:

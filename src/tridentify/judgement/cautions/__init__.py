@@ -74,7 +74,13 @@ def judged(
         # other behaviours let an output follow the sample to come, as it does where that reacts:
         # the tests compared both
         found = [one for one in found if one.code != "intersample"]
-    found += about_loop(estimate, records, tested)
+    loop = about_loop(estimate, records, tested)
+    if any(one.severity == "error" for one in loop):
+        # nothing else of such a response is the plant's
+        tested, found = (
+            [one for one in part if one.code not in IN_LOOP] for part in (tested, found)
+        )
+    found += loop
     hung: list[Finding] = []
     for number, record in enumerate(records):
         found += _missing(record, number if len(records) > 1 else None)
@@ -146,6 +152,10 @@ def _beside_hanging(
 
 MOVING = ("feedback", "nonlinear", "saturation", "delay", "intersample")
 """Causes that only an input that moves tells from others."""
+
+
+IN_LOOP = (*MOVING, "order-low", "order-high", "drift")
+"""Causes that a controller which alone moves the input makes, or hides."""
 
 
 SEEN = {"saturation": TRIED, "bad-samples": WITHOUT_THEM}

@@ -27,6 +27,7 @@ from tridentify.judgement.selection.rule import (
     Verdict,
     choose,
     levels_off,
+    needed,
     recommend,
     refuted,
 )
@@ -124,10 +125,29 @@ def decide(known: OrderEvidence, least: int = 0) -> Decision:
         ends=found,
         least=least,
     )
-    place = verdict.place
+    place = _with_delay(rows, contenders, verdict.place)
+    verdict = replace(verdict, place=place)
     if place is not None and verdict.by == "likelihood":
         rows[place] = replace(rows[place], doubts=objections[place])
     return Decision(tuple(rows), tuple(contenders), verdict)
+
+
+def _with_delay(
+    rows: Sequence[SelectionRow], contenders: Sequence[Contender], place: int | None
+) -> int | None:
+    """The same orders with a delay, where the likelihood asks for it: that is no other order."""
+    if place is None:
+        return None
+
+    def is_likelier(k: int) -> bool:
+        asked = replace(rows[k].structure, delay=rows[place].structure.delay)
+        late = rows[k].structure.delay == "free" and asked == rows[place].structure
+        if not late or rows[k].doubts or not (contenders[k].usable and contenders[place].usable):
+            return False
+        fall = contenders[place].criteria.deviance - contenders[k].criteria.deviance
+        return fall > needed(contenders[place], contenders[k])
+
+    return next((k for k in range(len(rows)) if k != place and is_likelier(k)), place)
 
 
 def _row(

@@ -9,12 +9,18 @@ it joins the rows with its delay free. The second holds on measured records, in 
 smaller than the delay is left for more poles to explain. A delay beside as many coefficients is no
 other order: `identify` and `validate` find it, and say what it would gain.
 
+A slow drift as large as the response hides from a likelihood what a delay is worth: noise that
+follows a drift was modelled beside poles that stand for the delay, and no step from there leads to
+the right ones. There one lag and two join the rows with a delay unasked, as most processes that
+drift are described by these.
+
 Behind a delay an output may follow its input in proportion (a loudspeaker and a microphone at some
 distance). No candidate with fewer zeros than poles explains that, with a delay or without, and a
 direct part shows in no sample at which the input moves. So where the recommended candidate is told
 to miss some of the response, every number of poles is fitted with as many zeros and a delay; with
 the likeliest such delay, which is held, as none can be estimated beside a direct part, they join
-the rows, if the output then follows its input at once.
+the rows, if the output then follows its input at once. An accelerometer under a sweep is the same
+without a delay: of several resonances no operators show it, and these candidates do.
 """
 
 from __future__ import annotations
@@ -29,7 +35,7 @@ import numpy as np
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.causes.attempt import Attempt
-from tridentify.judgement.causes.direct_part import has_direct_part
+from tridentify.judgement.causes.direct_part import has_direct_part, may_have_direct_part
 from tridentify.judgement.causes.explain import explain, settle, sharpened
 from tridentify.judgement.causes.explanation import CLEARLY, Explanations
 from tridentify.judgement.causes.present import Present
@@ -45,8 +51,12 @@ from tridentify.structure import Structure
 MOST = 2
 """Rows that are added: each costs a search over delays of its own."""
 
-MISSES = ("delay", "intersample", "order-low", "unmodelled-response")
-"""Findings that say that part of the response is missing, whatever they take it for."""
+MISSES = ("delay", "intersample", "order-low", "unmodelled-response", "nonlinear", "noise-changes")
+"""Findings that say that part of the response is missing, whatever they take it for: what is missed
+of a sweep comes when it passes a resonance."""
+
+DRIFTS = 2.0
+"""Of what is left over what is left beside slow waves, from which a slow drift hides the rest."""
 
 LESS = 0.8
 """Share that a direct part may leave of what its candidate leaves with a delay alone."""
@@ -96,7 +106,7 @@ def delayed(
         Of rows that are smaller than the recommended one, with ``delay="free"``; at most `MOST`.
         Those whose AICc, the delay counted, is lower than that of the recommended one, or by
         `CLEARLY` than that of every row that has as many coefficients: a delay is then worth more
-        than a pole or a zero is.
+        than a pole or a zero is. Where a slow drift hides that, one lag and two.
     """
     place = None if place is None else _free(rows, place)
     if place is None:
@@ -104,6 +114,9 @@ def delayed(
     best = rows[place].estimate
     assert best is not None
     try:
+        usual = [row for row in rows if _is_usual(row)]
+        if any(_drifts(row.estimate, records) for row in (rows[place], *usual)):
+            return [replace(row.structure, delay="free") for row in usual[:MOST]]
         plain = _settled(rows, place, records)
         found = [
             late
@@ -162,6 +175,21 @@ def _left(end: Attempt) -> float:
             basis = span(slow[seen])
             rest[i] += float(np.sum((one[seen] - basis @ (basis.T @ one[seen])) ** 2))
     return float(np.mean(rest / end.spread))
+
+
+def _drifts(estimate: Estimate | None, records: Sequence[Record]) -> bool:
+    """Whether most of what an estimate leaves is slow, and is much."""
+    end = estimate and settle(_present(estimate, records, estimate.noise_model))
+    if not end:
+        return False
+    left = [np.nansum((one - np.nanmean(one, axis=0)) ** 2, axis=0) for one in end.residuals()]
+    total = float(np.mean(np.sum(left, axis=0) / end.spread))
+    return total > max(DRIFTS * _left(end), USELESS)
+
+
+def _is_usual(row: SelectionRow) -> bool:
+    """Whether it has one lag or two, and a delay is open."""
+    return _is_able(row) and row.structure.zeros == 0 and row.structure.common_poles <= MOST
 
 
 def _is_worth_more(late: _Late, plain: Sequence[_Plain]) -> bool:
@@ -227,7 +255,7 @@ def direct_and_delayed(
         none where the recommended row misses nothing, or the output follows no input at once that
         comes as much later.
     """
-    if place is None or not _misses(rows[place]):
+    if place is None or not _misses(rows[place], records):
         return []
     if records[0].n_inputs * records[0].n_outputs > 1:
         return []
@@ -276,9 +304,11 @@ def _tried(
         return None
 
 
-def _misses(row: SelectionRow) -> bool:
+def _misses(row: SelectionRow, records: Sequence[Record]) -> bool:
+    """Whether some of the response is missing; of smooth inputs little may be all that shows."""
+    smooth = all(record.behaviour != "zoh" for record in records)
     return row.estimate is not None and any(
-        one.matters and one.code in MISSES for one in row.estimate.findings
+        (one.matters or smooth) and one.code in MISSES for one in row.estimate.findings
     )
 
 
@@ -292,6 +322,8 @@ def _follows_at_once(records: Sequence[Record], late: Structure) -> bool:
     delay = late.delay
     if not isinstance(delay, float) or any(record.dt is None for record in records):
         return False
+    if delay == 0.0:
+        return may_have_direct_part(records)
     moved = []
     for record in records:
         # a held input acts from the next sample on
@@ -302,15 +334,22 @@ def _follows_at_once(records: Sequence[Record], late: Structure) -> bool:
 
 
 def _direct(row: SelectionRow, records: Sequence[Record], noise: Sequence[Array]) -> _Late | None:
-    """A row with as many zeros as poles and the delay that is likeliest beside them."""
+    """A row with as many zeros as poles and the delay that is likeliest beside them, if any."""
     n = row.structure.common_poles
     assert row.estimate is not None
     present = replace(_present(row.estimate, records, noise), zeros=((n,),))
+    size = row.n_coefficients + 1
+    at_once = settle(present)
+    plain = None
+    if at_once is not None:
+        zeros = replace(row.structure, zeros=n)
+        plain = _Late(size, at_once.criterion, zeros, _left(at_once), size)
     explained = _by_delays(present)
     if explained is None:
-        return None
+        return plain
     first = sharpened(present, explained)
     late = replace(row.structure, zeros=n, delay=float(first.rival.parts[0].delay[0, 0]))
     criterion = explained.present.criterion - first.gain
-    size = row.n_coefficients + 1
+    if plain is not None and plain.criterion < criterion + CLEARLY:
+        return plain
     return _Late(size, criterion, late, _left(first.attempts[0]), size + 1)
