@@ -17,6 +17,7 @@ from typing import Protocol, Self
 import numpy as np
 from scipy.linalg import null_space
 
+from tridentify.errors import TridentifyError
 from tridentify.numerics.arrays import Array
 
 REACH = 2.0
@@ -72,9 +73,12 @@ def farther(here: Place, cov: Array, n: int) -> Array:
         awaited = REACH**2 * _curvature(here, along, beside)
         least = awaited
         for side in (-REACH, REACH):
-            moved = here.moved(side * along)
-            if moved is not None:
-                least = min(least, _lowest(moved, beside) - here.size)
+            try:
+                moved = here.moved(side * along)
+                size = np.inf if moved is None else _lowest(moved, beside)
+            except (TridentifyError, np.linalg.LinAlgError):  # a plant that runs off
+                continue
+            least = min(least, size - here.size)
     times = awaited / max(least, awaited / MOST**2) if awaited > 0.0 else 1.0
     return (times - 1.0) * np.outer(axis, axis)
 

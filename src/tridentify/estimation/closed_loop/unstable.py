@@ -335,7 +335,7 @@ def with_fall(loops: Sequence[Loop], found: Found) -> Found:
     """A root with a covariance that grows where what the references explain falls less (`fall`)."""
     basis = driven_basis(loops, found.noise)
     linear = linear_errors(loops, found.plant, found.noise)
-    if basis is None or not linear.is_finite:
+    if basis is None or not (linear.is_finite and np.isfinite(linear.full).all()):
         return found
     here = _Along(loops, found.plant, linear, basis)
     added = farther(here, found.cov, found.plant.theta.size)
