@@ -62,6 +62,8 @@ def farther(here: Place, cov: Array, n: int) -> Array:
     -------
     (n, n) array
     """
+    if not np.isfinite(cov).all():
+        return np.zeros((n, n))
     sizes = np.sqrt(np.diag(cov)) + 1e-300
     scaled = cov / np.outer(sizes, sizes)
     values, turned = np.linalg.eigh(scaled[:n, :n])

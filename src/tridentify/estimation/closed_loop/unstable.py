@@ -167,8 +167,11 @@ def root(
         say("coloured noise")
         noise = following
         start = linear_errors(loops, found.plant, noise, fed_back=fed_back)
-        whitened = _descended(loops, found.plant, start, driven_basis(loops, noise), fed_back)
-        if not whitened.still:
+        try:
+            whitened = _descended(loops, found.plant, start, driven_basis(loops, noise), fed_back)
+        except np.linalg.LinAlgError:  # beyond all bounds
+            whitened = None
+        if whitened is None or not whitened.still:
             return found if found.noise.size else _in_coloured_noise(loops, found, noise)
         found = whitened
     return found
