@@ -142,7 +142,11 @@ class Linear:
         full = q.T @ (np.hstack([self.full, self.rest]) / scale)
         sizes = np.abs(np.diag(r))
         dependent = sizes.min() <= np.finfo(float).eps * sizes.max()
-        if dependent or np.linalg.cond(np.linalg.solve(r.T, full.T)) > AS_WELL:
+        if (
+            dependent
+            or not np.isfinite(full).all()
+            or np.linalg.cond(np.linalg.solve(r.T, full.T)) > AS_WELL
+        ):
             full = r
         change = np.linalg.lstsq(full, q.T @ self.errors, rcond=1e-13)[0] / scale
         own = np.linalg.qr(self.rest)[0]

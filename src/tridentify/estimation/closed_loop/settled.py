@@ -6,15 +6,9 @@ the covariance (Buckland, Burnham & Augustin 1997). Steps may end at a kink befo
 mostly within one standard error or two of it; such ends count as others, with the step that was
 left.
 
-*The fall of the likelihood.* The covariance is that of the curvature at the estimate. Where a loop
-is moved little, or its record is short, coefficients hang together, and derivatives along their
-longest axis change within a standard error or two: an estimate that lies off to where they are
-large has errors that are too small for itself. So the likelihood is followed along that axis to
-both sides, everything else at its best (Bates & Watts 1988, section 6.1). Where it falls less than
-the curvature says, the axis grows.
+The fall of the likelihood on both sides joins it, too (`fall`).
 
-References: S. Buckland, K. Burnham & N. Augustin, Biometrics 53 (1997) 603-618. D. Bates & D.
-Watts, *Nonlinear Regression Analysis and Its Applications* (1988).
+Reference: S. Buckland, K. Burnham & N. Augustin, Biometrics 53 (1997) 603-618.
 """
 
 from __future__ import annotations
@@ -23,9 +17,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import null_space
 
 from tridentify.estimation.closed_loop.between_samples import Loop
+from tridentify.estimation.closed_loop.fall import farther
 from tridentify.estimation.closed_loop.joint import End, Together, descended, is_too_fast
 from tridentify.estimation.closed_loop.predictor import Plant
 from tridentify.estimation.closed_loop.unstable import Found
@@ -38,12 +32,6 @@ IN_VAIN = 2
 """Orders in a row that are no better, beyond which none is tried."""
 LEAST_WEIGHT = 1e-3
 """Akaike weight from which an end counts: fourteen in AICc."""
-REACH = 2.0
-"""Standard errors at which the fall of the likelihood is measured: where an interval ends."""
-BESIDE = 4
-"""Steps of Gauss and Newton beside the axis; they begin where the curvature says they end."""
-MOST = 5.0
-"""Times that an axis grows: beyond, nothing tells it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +70,9 @@ def together(loops: Sequence[Loop], plants: Sequence[Plant]) -> Settled | None:
     if not ends:
         return None
     best = min(ends, key=lambda one: one.place.criterion)
-    return Settled(_found(best), _spread(best, ends) + _farther(best.place))
+    place = best.place
+    grown = farther(place, place.cov, place.plant.theta.size)
+    return Settled(_found(best), _spread(best, ends) + grown)
 
 
 def _over_orders(begun: Together) -> list[End]:
@@ -162,37 +152,3 @@ def _found(end: End) -> Found:
         end.moved,
         tuple(one[width:] for one in here.start),
     )
-
-
-def _farther(here: Together) -> Array:
-    """(n, n) what the fall of the likelihood on both sides adds to the covariance of the plant."""
-    n = here.plant.theta.size
-    sizes = np.sqrt(np.diag(here.cov)) + 1e-300
-    scaled = here.cov / np.outer(sizes, sizes)
-    values, turned = np.linalg.eigh(scaled[:n, :n])
-    weakest, length = turned[:, -1], np.sqrt(values[-1])
-    axis = length * weakest * sizes[:n]
-    along = sizes * (scaled[:, :n] @ weakest) / length
-    beside = sizes[:, None] * null_space(np.pad(weakest, (0, sizes.size - n))[None, :])
-    variance = here.size / max(here.count - here.unknowns, 1)
-    least = np.inf
-    with np.errstate(all="ignore"):
-        for side in (-REACH, REACH):
-            moved = here.moved(side * along)
-            if moved is not None:
-                least = min(least, (_lowest(moved, beside) - here.size) / variance)
-    times = REACH**2 / max(least, (REACH / MOST) ** 2)
-    return max(times - 1.0, 0.0) * np.outer(axis, axis)
-
-
-def _lowest(here: Together, beside: Array) -> float:
-    """Sum of squares that steps in given directions lead to."""
-    for _ in range(BESIDE):
-        if not np.isfinite(here.columns).all():
-            break
-        change = np.linalg.lstsq(here.columns @ beside, here.innovations, rcond=1e-12)[0]
-        other = here.moved(beside @ change)
-        if other is None or not other.size < here.size:
-            break
-        here = other
-    return here.size

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tridentify.estimation.closed_loop.between_samples import Loop
+from tridentify.estimation.closed_loop.fall import farther
 from tridentify.estimation.closed_loop.linear_errors import (
     Linear,
     driven_basis,
@@ -166,8 +167,11 @@ def root(
         say("coloured noise")
         noise = following
         start = linear_errors(loops, found.plant, noise, fed_back=fed_back)
-        whitened = _descended(loops, found.plant, start, driven_basis(loops, noise), fed_back)
-        if not whitened.still:
+        try:
+            whitened = _descended(loops, found.plant, start, driven_basis(loops, noise), fed_back)
+        except np.linalg.LinAlgError:  # beyond all bounds
+            whitened = None
+        if whitened is None or not whitened.still:
             return found if found.noise.size else _in_coloured_noise(loops, found, noise)
         found = whitened
     return found
@@ -297,3 +301,45 @@ def _found(
         float(np.linalg.cond(columns)),
         *walked,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Along:
+    """What the references explain of the errors at a plant, with what it changes by (`fall`)."""
+
+    loops: Sequence[Loop]
+    plant: Plant
+    linear: Linear
+    basis: Array
+
+    @property
+    def innovations(self) -> Array:
+        return self._seen(self.linear.errors[:, None])[:, 0]
+
+    @property
+    def columns(self) -> Array:
+        return self._seen(self.linear.full)
+
+    @property
+    def size(self) -> float:
+        return merit(self.linear, self.basis)
+
+    def moved(self, change: Array) -> _Along | None:
+        plant = self.plant.with_theta(self.plant.theta + change)
+        linear = linear_errors(self.loops, plant, self.linear.noise)
+        return replace(self, plant=plant, linear=linear) if linear.is_bounded else None
+
+    def _seen(self, table: Array) -> Array:
+        own = np.linalg.qr(self.linear.rest)[0]
+        return np.asarray(self.basis.T @ (table - own @ (own.T @ table)))
+
+
+def with_fall(loops: Sequence[Loop], found: Found) -> Found:
+    """A root with a covariance that grows where what the references explain falls less (`fall`)."""
+    basis = driven_basis(loops, found.noise)
+    linear = linear_errors(loops, found.plant, found.noise)
+    if basis is None or not (linear.is_finite and np.isfinite(linear.full).all()):
+        return found
+    here = _Along(loops, found.plant, linear, basis)
+    added = farther(here, found.cov, found.plant.theta.size)
+    return replace(found, cov=found.cov + added)

@@ -18,7 +18,7 @@ from tridentify.estimation.closed_loop.driven import Driven, driven
 from tridentify.estimation.closed_loop.linear_errors import slowest
 from tridentify.estimation.closed_loop.noise_driven import beside_noise
 from tridentify.estimation.closed_loop.predictor import Predictor
-from tridentify.estimation.closed_loop.unstable import Found, autoregressive, root
+from tridentify.estimation.closed_loop.unstable import Found, autoregressive, root, with_fall
 from tridentify.estimation.closed_loop.unstable_starts import starting_plants
 from tridentify.numerics.information import aicc_price
 from tridentify.record.record import Record
@@ -69,6 +69,7 @@ def unstable_estimate(
         best = root(loops, [best.plant], choose, say)
     if best is None or not best.still or not best.plant.poles.real.max() > -edge:
         return None
+    best = with_fall(loops, best)
     found = estimate_of(asked, loops, best, (f"controller taken as {IN_WORDS[kind]}",))
     return replace(found, route="reference")
 

@@ -25,6 +25,7 @@ from tridentify.estimation.answer.estimate import Estimate, Nuisance, Status, Tr
 from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.likelihood.cost import Point
 from tridentify.estimation.likelihood.curvature import Curvature, degrees_of_freedom, output_rss
+from tridentify.estimation.likelihood.estimated_noise import estimated_noise
 from tridentify.estimation.likelihood.levenberg_marquardt import coefficients, mean_square
 from tridentify.estimation.likelihood.nuisance import Nuisances, reference_of
 from tridentify.estimation.likelihood.problem import Problem
@@ -156,7 +157,14 @@ def solved_at(
     scatter = curvature.scatter if scattered else None
     root = curvature.root
     inverse = root @ root.T if scatter is None else root @ scatter.covariance @ root.T
+    wider = np.ones(len(theta))
+    if judged and own is None and scatter is None and not ending.reacts:
+        of_noise = estimated_noise(point, root, curvature.along, curvature.noise, freedom)
+        if of_noise is not None:
+            added, wider = of_noise
+            inverse = inverse + root @ added @ root.T
     cov = curvature.physical @ inverse @ curvature.physical.T if own is None else own.covariance
+    cov = cov * np.outer(wider, wider)
     words: tuple[str, ...] = () if scatter is None or own is not None else (scatter.in_words(),)
     scores = own.errors == "scores" if own is not None else scatter is not None
     draws = np.zeros((0, 0)) if own is None else own.draws

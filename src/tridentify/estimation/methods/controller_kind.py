@@ -7,7 +7,8 @@ has no part that follows the reference, whatever the noise does between the samp
 of all of the residual would not do, as the noise is most of it, and the wrong kind may well explain
 that better. Where neither tells, the kind is taken as the input is stated to behave, or as
 continuous where no rule of the samples makes it, and what the other would make of the coefficients
-is said.
+is said. Where not even the rule is missing, neither is likelier than the other: half the square of
+their distance joins the covariance, as the mean square of what is off.
 """
 
 from __future__ import annotations
@@ -125,11 +126,14 @@ class Compared:
         Which was taken, and what speaks for it.
     findings : tuple of Finding
         Where the record does not tell the two apart.
+    moved : (n,) array, optional
+        Root mean square of what the kind may be off by, where the record does not tell it.
     """
 
     turned: bool
     told: str
     findings: tuple[Finding, ...] = ()
+    moved: Array | None = None
 
 
 def compared(mine: Rooted, other: Rooted, why: str = "") -> Compared:
@@ -157,8 +161,10 @@ def compared(mine: Rooted, other: Rooted, why: str = "") -> Compared:
     taken = f"controller taken as {words}{why}"
     if not other.still or beside - own > plainly:
         return Compared(False, f"{taken}; the record speaks against a {kind} one")
-    told, finding = _left_open(mine.estimate, other.estimate, rival, taken)
-    return Compared(False, f"{taken}; {told}", finding)
+    even = not why
+    told, finding = _left_open(mine.estimate, other.estimate, rival, taken, even)
+    away = (other.estimate.theta - mine.estimate.theta) / np.sqrt(2.0)
+    return Compared(False, f"{taken}; {told}", finding, away if finding and even else None)
 
 
 class _Following(NamedTuple):
@@ -214,7 +220,7 @@ def _followed(found: Rooted, basis: Sequence[Array]) -> _Following:
 
 
 def _left_open(
-    mine: Estimate, other: Estimate, rival: str, taken: str
+    mine: Estimate, other: Estimate, rival: str, taken: str, even: bool
 ) -> tuple[str, tuple[Finding, ...]]:
     """What is said where the record does not tell the kind: the more, the more hangs on it.
 
@@ -226,6 +232,8 @@ def _left_open(
         The other kind, in words.
     taken : str
         Which was taken and what speaks for it, in words.
+    even : bool
+        Whether nothing speaks for it, so that the standard errors allow for either.
     """
     # what is stated are the errors of the kind that was taken, whatever those of the other are
     size = mine.std + 1e-12 * np.abs(mine.theta) + 1e-300
@@ -237,10 +245,11 @@ def _left_open(
         f"the record does not tell; as {rival}, {mine.names[k]} would be "
         f"{other.theta[k]:.4g} in place of {mine.theta[k]:.4g}"
     )
+    either = " of one kind; those that are stated allow for either" if even else ""
     finding = Finding(
         "intersample",
         "warning" if moved[k] > APART else "note",
-        f"{taken[0].upper()}{taken[1:]}; {told} ({moved[k]:.2g} standard errors).",
+        f"{taken[0].upper()}{taken[1:]}; {told} ({moved[k]:.2g} standard errors{either}).",
         "State how the controller works: controller='sampled' or 'continuous' (--controller).",
     )
     return told, (finding,)

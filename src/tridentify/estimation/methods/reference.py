@@ -60,7 +60,9 @@ from tridentify.estimation.closed_loop.known_controller import (
 from tridentify.estimation.closed_loop.moving import together_findings
 from tridentify.estimation.closed_loop.recorded_input import Worked
 from tridentify.estimation.closed_loop.unstable_answer import unstable_estimate
+from tridentify.estimation.likelihood.answer import widened_by
 from tridentify.estimation.likelihood.noise_model import STILL as NOISE_STILL
+from tridentify.estimation.methods.along_axis import with_fall
 from tridentify.estimation.methods.base import Method
 from tridentify.estimation.methods.controller_kind import (
     Controller,
@@ -141,6 +143,7 @@ def reference_estimate(
     found = _white(parts, kind, asked.structure, plain, near, say, again=known is None)
     told, how = f"controller taken as {IN_WORDS[kind]}{taken.why}", rule
     findings: tuple[Finding, ...] = ()
+    moved: Array | None = None
     if known is not None and not exactly:
         say("the loop with the controller given")
         found, how = _with_controller(found, known, rule, asked.structure, plain, near, say)
@@ -148,12 +151,16 @@ def reference_estimate(
             taken = assumed("unknown", asked.records, asked.structure)
             told = f"controller taken as {IN_WORDS[taken.sampling]}{taken.why}"
     if not taken.certain:
-        found, told, findings = _either(found, taken.why, asked.structure, near, say)
+        found, told, findings, moved = _either(found, taken.why, asked.structure, near, say)
     findings = (*following_findings(found), *findings)
     if coloured is not None:
         found = _with_noise_model(found, asked.structure, coloured, say)
     found, wider = with_returned_errors(found)
+    found = with_fall(found)
     told = f"{told}; {wider}" if wider else told
+    if moved is not None:
+        cov, draws = widened_by(found.estimate.cov, found.estimate.draws, (moved,))
+        found = replace(found, estimate=replace(found.estimate, cov=cov, draws=draws))
     if known is not None:
         given = by_likelihood(found, how, coloured is not None, say)
         told = told if how is not None and not how.explains else given.told
@@ -167,16 +174,16 @@ def _either(
     structure: Structure,
     near: Callable[[TransferFunction], Method],
     say: Callable[[str], None],
-) -> tuple[Rooted, str, tuple[Finding, ...]]:
+) -> tuple[Rooted, str, tuple[Finding, ...], Array | None]:
     """The root for one kind of controller or the other, as the record says."""
     try:
         other = _other(found, structure, near, say)
     except TridentifyError as refused:
         kind = found.loops[0].sampling
         without = f"as {IN_WORDS[opposite(kind)]}, no estimate: {refused}"
-        return found, f"controller taken as {IN_WORDS[kind]}{why}; {without}", ()
+        return found, f"controller taken as {IN_WORDS[kind]}{why}; {without}", (), None
     seen = compared(found, other, why)
-    return other if seen.turned else found, seen.told, seen.findings
+    return other if seen.turned else found, seen.told, seen.findings, seen.moved
 
 
 def _white(

@@ -148,7 +148,7 @@ def _tables(found: Rooted, free: Indices) -> list[Array] | None:
             each[-1] = [one / step for one in each[-1]]
     left = residuals(found.loops, estimate)
     return [
-        _weighted(
+        weighted(
             loop, estimate, e, i, left[e], [one[e] for one in (*instruments, *slopes, *changes)]
         )
         for e, loop in enumerate(base)
@@ -219,7 +219,7 @@ def _moved(estimate: Estimate, j: int) -> tuple[TransferFunction | None, float]:
     return None, 0.0
 
 
-def _weighted(
+def weighted(
     loop: Loop, estimate: Estimate, e: int, i: int, left: Array, columns: Sequence[Array]
 ) -> Array:
     """(n_samples, k) columns of one output as the fit weighs them, what its nuisance may be out.
