@@ -36,12 +36,12 @@ def test_the_end_is_that_of_the_whole_search(level: float, monkeypatch: pytest.M
         asked.append(known(point))
         return asked[-1]
 
-    known = following._is_known
+    known = following.is_known
     cases = [(_record(plant, seed, level), how) for seed in (41, 42) for plant, how in PLANTS]
-    monkeypatch.setattr(following, "_is_known", told)
+    monkeypatch.setattr(following, "is_known", told)
     quick = [identify(record, how) for record, how in cases]
     assert sum(asked) >= (len(cases) if level < 0.1 else 1) // 2
-    monkeypatch.setattr(following, "_is_known", lambda point: False)
+    monkeypatch.setattr(following, "is_known", lambda point: False)
     for (record, how), found in zip(cases, quick, strict=True):
         whole = identify(record, how)
         assert np.array_equal(whole.theta, found.theta)
@@ -58,7 +58,7 @@ def test_a_pole_beyond_the_band_or_a_loose_one_is_not_known(
     record = _record(PLANTS[0][0], 43, 0.05)
     problem = build([record], Structure(1, 0), Nuisances("rest", False, False))
     point = SimpleNamespace(problem=problem, poles=np.array([-rate + 0j]), looseness=looseness)
-    assert following._is_known(point) is known
+    assert following.is_known(point) is known
 
 
 def test_passes_are_worked_out_once_and_kept_as_they_are() -> None:

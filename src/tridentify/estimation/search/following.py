@@ -24,6 +24,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import ClassVar
 
 import numpy as np
 
@@ -115,6 +116,9 @@ class Search:
         Whether coloured noise is left to a search of whitened samples.
     near : (n,) complex array, optional
         Poles that the record may well have.
+    hastens : bool
+        Whether an end that is known well is not looked for elsewhere. On-line, a search that takes
+        fewer slices is taken up earlier.
     """
 
     n_starts: int
@@ -132,6 +136,7 @@ class Search:
     far: Far | None = None
     whitened_later: bool = False
     near: Complex | None = None
+    hastens: ClassVar[bool] = False
 
     def running(self, base: Problem, variants: Sequence[Variant]) -> Slices[None]:
         """Find poles from all samples of the record, in slices."""
@@ -257,7 +262,7 @@ class Search:
         at = partial(evaluate_variant, found.base, found.variant)
         start = at(found.point.poles)
         best = (yield from finishing(at, start, self.recorder, MOST_TRIED))[0]
-        if found.settled and _is_known(best):
+        if found.settled and self.hastens and is_known(best):
             # a richer model misses nothing, and no pole can be spared for another place
             self.scan = Scan(found.base, found.variant, best.poles, [])
             return best
@@ -366,7 +371,7 @@ class Search:
         return best
 
 
-def _is_known(point: Point) -> bool:
+def is_known(point: Point) -> bool:
     """Whether every pole is one that the record shows, and known to `CERTAIN`."""
     low, high = rate_limits(point.problem)
     shown = all(-z.real >= low and abs(z) <= high for z in point.poles.tolist())
