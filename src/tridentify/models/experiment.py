@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,6 +11,7 @@ from tridentify.models.columns import Regression
 from tridentify.numerics.arrays import Array, Flags, Indices
 from tridentify.numerics.autoregression import gains
 from tridentify.numerics.interpolation import DEGREE
+from tridentify.numerics.kept import cached_property
 from tridentify.numerics.realization import Cascade
 from tridentify.numerics.sampled import Sampled
 

@@ -38,7 +38,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -53,6 +52,7 @@ from tridentify.models.response import (
     spread,
 )
 from tridentify.numerics.arrays import Array, Complex, Flags
+from tridentify.numerics.kept import cached_property
 from tridentify.numerics.least_squares import solve
 from tridentify.numerics.realization import (
     Cascade,

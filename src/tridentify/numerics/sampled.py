@@ -28,7 +28,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -37,6 +36,7 @@ from tridentify.numerics import interpolation
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.discretize import Discrete, discretize
 from tridentify.numerics.intervals import Crossing, Plan, free_plan, plan, snapped
+from tridentify.numerics.kept import cached_property
 from tridentify.numerics.propagate import propagate
 
 MOST_LATE = 2.0**52

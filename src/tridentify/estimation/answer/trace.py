@@ -9,12 +9,15 @@ from __future__ import annotations
 import dataclasses
 import enum
 import math
+from collections.abc import Callable, Sequence
 from functools import cache
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.kept import cached_property
 
 OTHER_DELAYS = "other delays explain the record almost as well"
 REPEATED_INPUT = "the input repeats itself"
@@ -180,6 +183,42 @@ class Start:
         freeze_arrays(self)
 
 
+class Awaited(Sequence[Pass]):
+    """Passes that are worked out when they are asked for, as few are ever told.
+
+    Parameters
+    ----------
+    make : callable
+        Gives them.
+
+    Examples
+    --------
+    >>> awaited = Awaited(lambda: (Pass(1, (), np.array([1.0, 3.0]), cost=0.2),))
+    >>> len(awaited), awaited[-1].number
+    (1, 1)
+    """
+
+    def __init__(self, make: Callable[[], tuple[Pass, ...]]) -> None:
+        self._make = make
+
+    @cached_property
+    def made(self) -> tuple[Pass, ...]:
+        """As they are."""
+        found = self._make()
+        # what they were made of is let go
+        self._make = lambda: found
+        return found
+
+    def __len__(self) -> int:
+        return len(self.made)
+
+    def __getitem__(self, place: Any) -> Any:
+        return self.made[place]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return tuple, (self.made,)
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Trace:
     """The way to an estimate: passes, starts tried, decisions taken, and why it stopped.
@@ -191,7 +230,7 @@ class Trace:
     (0.2, 'one pass')
     """
 
-    passes: tuple[Pass, ...]
+    passes: Sequence[Pass]
     starts: tuple[Start, ...] = ()
     decisions: tuple[str, ...] = ()
     stopped: str = ""

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -32,6 +31,7 @@ from tridentify.estimation.likelihood.problem import Problem
 from tridentify.estimation.likelihood.two_weights import in_words
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.information import aicc_price
+from tridentify.numerics.kept import cached_property
 from tridentify.numerics.realization import numerators
 from tridentify.record.record import Record
 from tridentify.structure import Structure

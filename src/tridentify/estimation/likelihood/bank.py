@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from tridentify.estimation.likelihood.problem import Pattern
 from tridentify.models.response import Branch
 from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.kept import cached_property
 from tridentify.numerics.realization import Cascade, DegreeBasis
 
 

@@ -31,7 +31,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +50,7 @@ from tridentify.estimation.likelihood.triangles import Triangles
 from tridentify.models.regression import LONG, Regression, regress, response_of
 from tridentify.models.response import Branch, ColumnBlocks, FilteredResponse, Response
 from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.kept import cached_property
 from tridentify.numerics.least_squares import Solution
 from tridentify.numerics.realization import Cascade, filter_map, roots_of
 

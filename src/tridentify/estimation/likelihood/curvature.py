@@ -13,7 +13,6 @@ one matrix product.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from tridentify.estimation.likelihood.cost import Point
 from tridentify.estimation.likelihood.levenberg_marquardt import ROUNDING_SQUARED, coefficients
 from tridentify.estimation.likelihood.scores import ScoreScatter, scatter_of_scores
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.kept import cached_property
 from tridentify.numerics.realization import denominator, numerators
 
 SINGULAR = 1e12

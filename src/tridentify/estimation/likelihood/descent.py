@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +19,7 @@ from tridentify.estimation.likelihood.problem import (
 from tridentify.estimation.likelihood.step import Bend
 from tridentify.estimation.likelihood.thresholds import IDLE
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.kept import cached_property
 from tridentify.numerics.realization import APART
 from tridentify.numerics.slices import Slices
 

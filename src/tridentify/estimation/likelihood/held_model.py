@@ -7,7 +7,6 @@ coefficients stay as they are, free responses, offsets and drifts are fitted to 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from tridentify.models.regression import regress
 from tridentify.models.response import Response
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.information import aicc_price
+from tridentify.numerics.kept import cached_property
 from tridentify.numerics.realization import cascade, denominator, monomials
 
 TINY = 1e-300

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from tridentify.models.flat_charts import FlatCharts
 from tridentify.models.regression import Experiment, Regression, restricted
 from tridentify.numerics.arrays import Array, Complex, Flags, Indices
+from tridentify.numerics.kept import cached_property
 from tridentify.numerics.realization import Cascade, denominator, sort_poles
 from tridentify.structure import Structure
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from tridentify.estimation.likelihood.bank import Bank
 from tridentify.estimation.likelihood.problem import Variant
 from tridentify.models.regression import Layout, Regression
 from tridentify.numerics.arrays import Array, Indices
+from tridentify.numerics.kept import cached_property
 
 
 @dataclass(frozen=True, eq=False)

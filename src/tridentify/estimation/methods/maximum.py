@@ -11,9 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from tridentify.estimation.answer.trace import Pass, Start, Status, Trace
+from tridentify.estimation.answer.trace import Start, Status, Trace
 from tridentify.estimation.likelihood.answer import Ending
 from tridentify.estimation.likelihood.choose_nuisance import Finished, decide
+from tridentify.estimation.likelihood.levenberg_marquardt import Recorder
 from tridentify.estimation.likelihood.question import Question
 from tridentify.estimation.methods.base import Progress
 from tridentify.estimation.search.delays import Located
@@ -35,7 +36,7 @@ class Maximum:
     end : Finished
     decisions : tuple of str
         About nuisance terms and noise.
-    trail : tuple of Pass
+    trail : Recorder
         The passes that led to where the end was begun from.
     tried : tuple of Start
         All starts with the cost they led to.
@@ -45,7 +46,7 @@ class Maximum:
 
     end: Finished
     decisions: tuple[str, ...]
-    trail: tuple[Pass, ...]
+    trail: Recorder
     tried: tuple[Start, ...]
     moved: Array | None = None
 

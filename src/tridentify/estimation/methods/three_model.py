@@ -34,8 +34,9 @@ from typing import ClassVar
 
 from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Trace
+from tridentify.estimation.answer.trace import Awaited, Pass
 from tridentify.estimation.likelihood.answer import Ending, estimate_from
-from tridentify.estimation.likelihood.levenberg_marquardt import Patience
+from tridentify.estimation.likelihood.levenberg_marquardt import Patience, Recorder
 from tridentify.estimation.likelihood.noise_model import NoiseChoice, check_noise
 from tridentify.estimation.likelihood.question import Question, silently
 from tridentify.estimation.likelihood.raster import on_raster
@@ -45,7 +46,7 @@ from tridentify.estimation.methods.capability import EVERYTHING, Capability
 from tridentify.estimation.methods.constrained import within_constraints
 from tridentify.estimation.methods.controller_kind import Controller, check_controller
 from tridentify.estimation.methods.delays import over_delays
-from tridentify.estimation.methods.maximum import Reached, maximum
+from tridentify.estimation.methods.maximum import Maximum, Reached, maximum
 from tridentify.estimation.methods.noise import with_noise_model
 from tridentify.estimation.methods.output_error import OutputError
 from tridentify.estimation.methods.paper import as_printed
@@ -66,8 +67,9 @@ from tridentify.estimation.posterior.maximum_or_mean import (
     weigh,
 )
 from tridentify.estimation.search.delays import Located
-from tridentify.estimation.search.passes import certified
+from tridentify.estimation.search.passes import certify
 from tridentify.estimation.search.search import search
+from tridentify.estimation.search.stand_ins import is_large
 from tridentify.numerics.arrays import Complex
 from tridentify.numerics.robust import Loss
 from tridentify.record.record import Record
@@ -246,11 +248,7 @@ class ThreeModel:
         # the noise modelled where it is not white, and all steps again on whitened samples
         ended, in_loop = question.ended(best.end.point), route == "direct"
         best = with_noise_model(noise, ended, starts, best, in_loop=in_loop)
-        trail = (*best.trail, *best.end.recorder.passes)
-        if near is None:
-            # Step 3, the series model, checks the end: its weights are (1, 0, ..., 0) there
-            trail = certified(best.end.point, trail)
-        told = Trace(trail, best.tried, best.decisions, best.end.why)
+        told = Trace(_way(best, near is None), best.tried, best.decisions, best.end.why)
         reached = Reached.of(best.end, told, starts.scan, best.moved)
         return replace(reached, reacts=in_loop)
 
@@ -279,3 +277,19 @@ class ThreeModel:
         near = partial(OutputError, max_passes=self.max_passes, tolerance=self.tolerance)
         words = (NOT_ROBUST,) if self.finish == "posterior" else ()
         return robust_estimate(records, structure, self.loss, plain, near, say, words)
+
+
+def _way(best: Maximum, checked: bool) -> Sequence[Pass]:
+    """The passes to the maximum, and the check of the end; of a long record made at once."""
+
+    def made() -> tuple[Pass, ...]:
+        way = Recorder()
+        way.extend(best.trail)
+        way.extend(best.end.recorder)
+        if checked:
+            # Step 3, the series model, checks the end: its weights are (1, 0, ..., 0) there
+            certify(best.end.point, way)
+        return tuple(way.passes)
+
+    # what they are made of holds the record's samples
+    return made() if is_large(best.end.point.problem) else Awaited(made)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from tridentify.models.columns import Layout, Regression
 from tridentify.models.regression import Stack, held_states, regression_at, stacks_on
 from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.numerics.information import aicc_price
+from tridentify.numerics.kept import cached_property
 from tridentify.numerics.realization import Cascade
 
 

@@ -24,6 +24,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import ClassVar
 
 import numpy as np
 
@@ -40,7 +41,7 @@ from tridentify.estimation.likelihood.levenberg_marquardt import (
 from tridentify.estimation.likelihood.noise_model import leaves_coloured_noise
 from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.likelihood.thresholds import ALLOWANCE, EQUAL, HELPED, NEAR, WORTHWHILE
-from tridentify.estimation.search.band import relocated_poles
+from tridentify.estimation.search.band import rate_limits, relocated_poles
 from tridentify.estimation.search.found import (
     End,
     Far,
@@ -93,7 +94,7 @@ class Search:
         All starts with the cost they led to.
     seeds : list of (n,) complex arrays
         Poles to finish from.
-    trails : list of tuples of Pass
+    trails : list of Recorder
         The passes that led to each seed.
     variant : Variant, optional
         The nuisance terms of the best start.
@@ -115,13 +116,16 @@ class Search:
         Whether coloured noise is left to a search of whitened samples.
     near : (n,) complex array, optional
         Poles that the record may well have.
+    hastens : bool
+        Whether an end that is known well is not looked for elsewhere. On-line, a search that takes
+        fewer slices is taken up earlier.
     """
 
     n_starts: int
     recorder: Recorder = field(default_factory=Recorder)
     starts: list[Start] = field(default_factory=list)
     seeds: list[Complex] = field(default_factory=list)
-    trails: list[tuple[Pass, ...]] = field(default_factory=list)
+    trails: list[Recorder] = field(default_factory=list)
     variant: Variant | None = None
     scan: Scan | None = None
     known: KnownTriangles | None = None
@@ -132,6 +136,7 @@ class Search:
     far: Far | None = None
     whitened_later: bool = False
     near: Complex | None = None
+    hastens: ClassVar[bool] = False
 
     def running(self, base: Problem, variants: Sequence[Variant]) -> Slices[None]:
         """Find poles from all samples of the record, in slices."""
@@ -155,8 +160,11 @@ class Search:
         return best.poles
 
     def _keep(self, poles: Complex, passes: Sequence[Pass] | None = None) -> None:
+        trail = Recorder(passes or ())
+        if passes is None:
+            trail.extend(self.recorder)
         self.seeds.append(poles)
-        self.trails.append(tuple(self.recorder.passes if passes is None else passes))
+        self.trails.append(trail)
 
     def begin(
         self,
@@ -254,6 +262,10 @@ class Search:
         at = partial(evaluate_variant, found.base, found.variant)
         start = at(found.point.poles)
         best = (yield from finishing(at, start, self.recorder, MOST_TRIED))[0]
+        if found.settled and self.hastens and is_known(best):
+            # a richer model misses nothing, and no pole can be spared for another place
+            self.scan = Scan(found.base, found.variant, best.poles, [])
+            return best
         for _ in range(MOST_MOVES):
             before = best
             places = yield from moving_poles(found.base, found.variant, before.poles)
@@ -357,6 +369,13 @@ class Search:
             name = where + "numerators of full degree first"
             best = yield from self._adapted(base, variant, point.poles, reachable, best, name)
         return best
+
+
+def is_known(point: Point) -> bool:
+    """Whether every pole is one that the record shows, and known to `CERTAIN`."""
+    low, high = rate_limits(point.problem)
+    shown = all(-z.real >= low and abs(z) <= high for z in point.poles.tolist())
+    return shown and point.looseness <= CERTAIN
 
 
 def explained(point: Point) -> float:

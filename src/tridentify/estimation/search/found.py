@@ -96,7 +96,7 @@ class Starts:
     ----------
     seeds : tuple of (n,) complex arrays
         Poles to finish from.
-    trails : tuple of tuples of Pass
+    trails : tuple of Recorder
         The passes that led to each seed.
     tried : tuple of Start
         All starts with the cost they led to.
@@ -113,7 +113,7 @@ class Starts:
     """
 
     seeds: tuple[Complex, ...]
-    trails: tuple[tuple[Pass, ...], ...]
+    trails: tuple[Recorder, ...]
     tried: tuple[Start, ...]
     count: int
     known: KnownTriangles | None = None
@@ -136,7 +136,7 @@ class Starts:
         return (
             self
             if not poles.size
-            else replace(self, seeds=(*self.seeds, poles), trails=(*self.trails, ()))
+            else replace(self, seeds=(*self.seeds, poles), trails=(*self.trails, Recorder()))
         )
 
 

@@ -12,11 +12,11 @@ record not equal to, those of the output-error minimum; `likelihood.levenberg_ma
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
-from tridentify.estimation.answer.estimate import Pass, Step
+from tridentify.estimation.answer.estimate import Step
 from tridentify.estimation.answer.trace import pairs
 from tridentify.estimation.likelihood.cost import Point, evaluate_variant
 from tridentify.estimation.likelihood.levenberg_marquardt import Recorder, at_rounding
@@ -175,8 +175,8 @@ def series_model(point: Point) -> SeriesFit:
     )
 
 
-def certified(point: Point, passes: Sequence[Pass]) -> tuple[Pass, ...]:
-    """The passes to a point, and Step 3 there as the last: the weights must be (1, 0, ..., 0)."""
+def certify(point: Point, recorder: Recorder) -> None:
+    """Add Step 3 at the point that the passes led to: the weights must be (1, 0, ..., 0)."""
     series = series_model(point)
     step = Step(
         "series",
@@ -187,8 +187,5 @@ def certified(point: Point, passes: Sequence[Pass]) -> tuple[Pass, ...]:
         "orthonormal",
         pairs(np.concatenate([branch.inner.poles for branch in point.branches])),
     )
-    recorder = Recorder()
-    recorder.extend(Recorder(passes))
     note = "check of the end: beta is (1, 0, ..., 0) at a stationary point"
     recorder.add(point, lambda: (step,), series.distance, note)
-    return tuple(recorder.passes)

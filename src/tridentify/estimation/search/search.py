@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import ClassVar
 
 import numpy as np
 
@@ -105,6 +106,8 @@ def search_again(question: Question, nuisances: Nuisances, poles: Complex) -> tu
 @dataclass(eq=False)
 class RecordSearch(Search):
     """`Search` of a record of any length."""
+
+    hastens: ClassVar[bool] = True
 
     def run(self, base: Problem, variants: Sequence[Variant]) -> None:
         """Find poles from the record, or from stand-ins for a long one."""

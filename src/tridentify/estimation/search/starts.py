@@ -27,7 +27,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 import scipy.linalg
@@ -43,6 +43,7 @@ from tridentify.models.regression import restricted
 from tridentify.models.response import Response
 from tridentify.models.series_parallel import Filtering, fit_denominators
 from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.kept import cached_property
 from tridentify.numerics.least_squares import solve, triangle
 from tridentify.numerics.realization import Cascade, cascade, sort_poles
 from tridentify.numerics.slices import Slices, drain

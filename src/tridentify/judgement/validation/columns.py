@@ -8,7 +8,7 @@ uncorrelated with noise.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.validation import bends
 from tridentify.judgement.validation.residuals import Output, View
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.kept import cached_property
 
 MOST_LAGS = 40
 """Knots of a response that is looked for in the residual."""

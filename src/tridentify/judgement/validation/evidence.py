@@ -22,7 +22,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -49,6 +48,7 @@ from tridentify.judgement.validation.residuals import Output, View
 from tridentify.judgement.validation.result import Normality
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import most_coefficients
+from tridentify.numerics.kept import cached_property
 from tridentify.numerics.lagrange import added_each, span
 from tridentify.numerics.portmanteau import (
     Autocorrelation,

@@ -21,7 +21,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import cached_property
 
 import numpy as np
 from scipy.linalg import solve_banded
@@ -30,6 +29,7 @@ from scipy.special import fdtrc
 from tridentify.judgement.validation.residuals import Output
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import fit_autoregression, most_coefficients, whiten
+from tridentify.numerics.kept import cached_property
 from tridentify.numerics.lagrange import span
 from tridentify.numerics.least_squares import triangle
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.trace import Pass, Step
@@ -159,7 +160,7 @@ def _next(board: Board, above: Rect, lines: list[str], fill: str) -> Rect:
     return box
 
 
-def _groups(passes: tuple[Pass, ...]) -> list[list[Pass]]:
+def _groups(passes: Sequence[Pass]) -> list[list[Pass]]:
     """Runs of passes through the same steps; one run where Steps 2 and 3 take turns."""
     found: list[list[Pass]] = []
     before: set[str] = set()
@@ -304,7 +305,7 @@ def _cell(value: float) -> str:
     return "·" if math.isnan(value) else number(value, 2)
 
 
-def _which_steps(board: Board, passes: tuple[Pass, ...], y: float) -> float:
+def _which_steps(board: Board, passes: Sequence[Pass], y: float) -> float:
     """Which passes went through which steps."""
     runs: list[tuple[int, int, str]] = []
     for one in passes:
@@ -324,7 +325,7 @@ def _which_steps(board: Board, passes: tuple[Pass, ...], y: float) -> float:
     return y + 8.0
 
 
-def _noted(board: Board, passes: tuple[Pass, ...], y: float) -> float:
+def _noted(board: Board, passes: Sequence[Pass], y: float) -> float:
     """What was done to single passes: poles reflected or held, restarts."""
     notes: dict[str, list[int]] = {}
     for one in passes:

@@ -19,7 +19,7 @@ from tridentify.errors import TridentifyError, shown
 from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.answer.loop_taken import LoopTaken
 from tridentify.estimation.answer.parameter import Nuisance, Parameter
-from tridentify.estimation.answer.trace import Pass, Start, Status, Step, Trace
+from tridentify.estimation.answer.trace import Awaited, Pass, Start, Status, Step, Trace
 from tridentify.numerics.arrays import Array
 from tridentify.record.checks.orders import HIGHEST_ORDER
 from tridentify.structure import Structure
@@ -54,7 +54,7 @@ def encode(value: Any) -> Any:
         }
     if isinstance(value, Mapping):
         return {key: encode(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
+    if isinstance(value, (list, tuple, Awaited)):
         return [encode(item) for item in value]
     if isinstance(value, (np.ndarray, np.generic)):
         return encode(value.tolist())
@@ -244,7 +244,7 @@ _DECODERS: Mapping[str, Decoder] = {
     "Mapping[str, str]": _mapping(_text),
     "Mapping[str, tuple[float, float]]": _mapping(_pair),
     "tuple[Step, ...]": _tuple_of(Step),
-    "tuple[Pass, ...]": _tuple_of(Pass),
+    "Sequence[Pass]": _tuple_of(Pass),
     "tuple[Start, ...]": _tuple_of(Start),
     "tuple[Nuisance, ...]": _tuple_of(Nuisance),
     "tuple[Parameter, ...]": _tuple_of(Parameter),
