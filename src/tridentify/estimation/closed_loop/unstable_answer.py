@@ -69,6 +69,8 @@ def unstable_estimate(
         best = root(loops, [best.plant], choose, say)
     if best is None or not best.still or not best.plant.poles.real.max() > -edge:
         return None
+    if not np.isfinite(best.cov).all():
+        return None
     best = with_fall(loops, best)
     found = estimate_of(asked, loops, best, (f"controller taken as {IN_WORDS[kind]}",))
     return replace(found, route="reference")
