@@ -70,7 +70,7 @@ def unstable_estimate(
     if best is None or not best.still or not best.plant.poles.real.max() > -edge:
         return None
     # the errors of a predictor that runs off have no scale
-    if best.variance > 0.0 and not np.all(
+    if not best.variance > 0.0 or not np.all(
         (np.diag(best.cov) > 0.0) & np.isfinite(np.diag(best.cov))
     ):
         return None
