@@ -66,7 +66,10 @@ def scores(seed: int, coloured: bool) -> np.ndarray:
 @pytest.mark.slow
 @pytest.mark.parametrize("coloured", [False, True])
 def test_short_records_of_random_loops_are_covered(coloured):
-    """Of 24 loops; 65 in a hundred with the curvature alone where the noise is coloured."""
+    """Of 24 loops; with the curvature alone 65 to 80 in a hundred where the noise is coloured.
+
+    Of 62 other such loops 90 to 95 were held: the bound lies two errors of sampling below.
+    """
     z = np.concatenate([scores(91_000 + k, coloured) for k in range(24)])
-    assert np.mean(np.abs(z) < 1.96) > 0.88
+    assert np.mean(np.abs(z) < 1.96) > 0.83
     assert np.mean(np.abs(z) < 4.0) > 0.97

@@ -62,10 +62,11 @@ def farther(here: Place, cov: Array, n: int) -> Array:
     -------
     (n, n) array
     """
-    if not np.isfinite(cov).all():
+    with np.errstate(all="ignore"):
+        sizes = np.sqrt(np.diag(cov)) + 1e-300
+        scaled = cov / np.outer(sizes, sizes)
+    if not np.isfinite(scaled).all():
         return np.zeros((n, n))
-    sizes = np.sqrt(np.diag(cov)) + 1e-300
-    scaled = cov / np.outer(sizes, sizes)
     values, turned = np.linalg.eigh(scaled[:n, :n])
     weakest, length = turned[:, -1], np.sqrt(values[-1])
     axis = length * weakest * sizes[:n]

@@ -69,6 +69,11 @@ def unstable_estimate(
         best = root(loops, [best.plant], choose, say)
     if best is None or not best.still or not best.plant.poles.real.max() > -edge:
         return None
+    # the errors of a predictor that runs off have no scale
+    if not best.variance > 0.0 or not np.all(
+        (np.diag(best.cov) > 0.0) & np.isfinite(np.diag(best.cov))
+    ):
+        return None
     best = with_fall(loops, best)
     found = estimate_of(asked, loops, best, (f"controller taken as {IN_WORDS[kind]}",))
     return replace(found, route="reference")
