@@ -19,7 +19,7 @@ from tridentify import (
     simulate,
 )
 from tridentify.errors import OptionError, TooFewSamplesError, UnsupportedError
-from tridentify.estimation.likelihood import curvature
+from tridentify.estimation.likelihood import answer, curvature
 from tridentify.estimation.likelihood.cost import evaluate
 from tridentify.estimation.likelihood.curvature import taken
 from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
@@ -152,9 +152,14 @@ def dense_estimate(record, a, start):
     return theta, variance * np.linalg.inv(scores.T @ scores)
 
 
-def test_estimate_is_dense_generalised_least_squares_at_its_own_noise_model():
+def test_estimate_is_dense_generalised_least_squares_at_its_own_noise_model(monkeypatch):
     record = coloured([-0.9], 400)
+    allowed = identify(record, STRUCTURE, ThreeModel(noise="ar"))
+    # what it costs that the noise is estimated has tests of its own
+    monkeypatch.setattr(answer, "estimated_noise", lambda *_: None)
     estimate = identify(record, STRUCTURE, ThreeModel(noise="ar"))
+    assert np.array_equal(estimate.theta, allowed.theta)
+    assert np.all((estimate.std < allowed.std) & (allowed.std < 1.15 * estimate.std))
     (a,) = estimate.noise_model
     theta, cov = dense_estimate(record, a, estimate.theta)
     assert np.allclose(theta, estimate.theta, rtol=0, atol=1e-3 * estimate.std)

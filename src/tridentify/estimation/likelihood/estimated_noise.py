@@ -28,8 +28,7 @@ American Statistical Association 79 (1984) 853-862. F. Satterthwaite, Biometrics
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import toeplitz
-from scipy.signal import lfilter
+from scipy.linalg import solve_banded, toeplitz
 from scipy.special import ndtri, stdtrit
 
 from tridentify.estimation.likelihood.cost import Point
@@ -111,7 +110,8 @@ def _lagged(table: Array, a: Array) -> tuple[Array, Array, Array]:
     n, k = table.shape
     white = np.nan_to_num(np.column_stack([whiten(one, a)[0] for one in table.T]))
     table = np.nan_to_num(table)
-    turned = lfilter([1.0], np.append(1.0, a), white[::-1], axis=0)[::-1]
+    bands = np.tile(np.append(1.0, a)[:, None], n)
+    turned = solve_banded((a.size, 0), bands, white[::-1])[::-1]
     lags, back = np.zeros((2, n, a.size, k))
     for j in range(1, a.size + 1):
         lags[j:, j - 1] = table[:-j]

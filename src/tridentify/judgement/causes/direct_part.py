@@ -32,7 +32,7 @@ plant has to follow later, tell it from a direct part.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -228,27 +228,29 @@ def may_have_direct_part(records: Sequence[Record]) -> bool:
 
 def _is_likelier(records: Sequence[Record], output: int) -> bool:
     """Whether a direct part beside operators is clearly likelier than operators alone."""
-    if _fall(records, output, (0.0,)) <= 0.0:
+    if not _falls(records, output, (0.0,), 0.0):
         return False
     top = _largest_response(records, output)
     # a second mode is missed as well, and a direct part would make up for it
-    return _fall(records, output, [top * ratio for ratio in BESIDE]) > LIKELIER
+    return _falls(records, output, [top * ratio for ratio in BESIDE], LIKELIER)
 
 
-def _fall(records: Sequence[Record], output: int, resonances: Sequence[float]) -> float:
-    """Of AICc, with a direct part; the least over what an input may do and where it resonates."""
+def _falls(
+    records: Sequence[Record], output: int, resonances: Sequence[float], least: float
+) -> bool:
+    """Whether AICc falls by more with a direct part, whatever an input may do and resonates."""
 
-    def least(options: Sequence[Behaviour], direct: bool) -> float:
-        ways = [
-            Parallel.of([r.between(one) for r in records], output, resonance, direct=direct)
-            for one in options
-            for resonance in resonances
-        ]
-        return min(with_noise_model(way)[1].criterion for way in ways)
+    def criteria(options: Sequence[Behaviour], direct: bool) -> Iterator[float]:
+        for one in options:
+            between = [record.between(one) for record in records]
+            for resonance in resonances:
+                way = Parallel.of(between, output, resonance, direct=direct)
+                yield with_noise_model(way)[1].criterion
 
     whole = all(record.n_samples >= FEWEST for record in records)
     smooth: tuple[Behaviour, ...] = ("band-limited",) if whole else ()
-    return least(("zoh", "foh", *smooth), False) - least(("zoh", "foh"), True)
+    lowest = min(criteria(("zoh", "foh"), True))
+    return all(own - lowest > least for own in criteria(("foh", *smooth, "zoh"), False))
 
 
 def _largest_response(records: Sequence[Record], output: int) -> float:
