@@ -68,7 +68,8 @@ def scores(seed: int, coloured: bool) -> np.ndarray:
 def test_short_records_of_random_loops_are_covered(coloured):
     """Of 24 loops; with the curvature alone 65 to 80 in a hundred where the noise is coloured.
 
-    Of 62 other such loops 90 to 95 were held: the bound lies two errors of sampling below.
+    Of the coefficients of 32 others in coloured noise 89.5 in a hundred were held: the bound lies
+    two errors of sampling below.
     """
     z = np.concatenate([scores(91_000 + k, coloured) for k in range(24)])
     assert np.mean(np.abs(z) < 1.96) > 0.83
