@@ -165,8 +165,10 @@ def test_a_kind_of_controller_that_was_only_assumed_is_warned_of_where_it_matter
     assert found.severity == "warning"
     assert "standard errors" in found.message
     other = tri.identify(record, ORDERS, tri.ThreeModel(controller="continuous"))
-    size = np.maximum(open_.std, other.std)
-    assert np.max(np.abs(other.theta - open_.theta) / size) > 3.0
+    moved = np.abs(other.theta - open_.theta)
+    assert np.max(moved / other.std) > 3.0
+    # whoever leaves the kind open gets errors that reach the other one
+    assert np.max(moved / open_.std) < 2.0
 
 
 @pytest.mark.slow
