@@ -91,6 +91,7 @@ def test_what_was_clipped_is_left_out_though_the_limit_was_tried(seen):
     expect(findings).not_to_contain_text("largest value")
 
 
+@pytest.mark.slow
 def test_where_a_sensor_hung_is_left_out_by_a_button(seen):
     seen.open("hung.csv")
     seen.estimated(lambda: seen.drag(0.1, 0.9))
