@@ -71,7 +71,7 @@ STEPS = {
     "choice of seeds": ("estimation.search.search.RecordSearch._choose",),
     "decide, finish": ("estimation.methods.maximum.decide",),
     "noise test": ("estimation.methods.three_model.with_noise_model",),
-    "check of end": ("estimation.methods.search.passes.certify",),
+    "check of end": ("estimation.methods.three_model.certify",),
     "rivals' scan": ("estimation.posterior.maximum_or_mean.has_rivals",),
     "posterior": ("estimation.posterior.maximum_or_mean.posterior",),
     "posterior or not": ("estimation.methods.three_model.weigh",),
