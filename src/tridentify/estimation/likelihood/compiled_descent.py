@@ -293,10 +293,9 @@ def cost_there(
     targets = np.zeros((*which.shape, height))
     for c in range(table.shape[0]):
         own = table[c]
-        n, at = own[1], own[10:]
-        parts_of = max(own[5], 1) + 1
-        w = numbers[at[0] : at[0] + n_inputs * parts_of * n].reshape((n_inputs, parts_of, n))
-        begun = numbers[at[1] : at[1] + n_inputs * parts_of].reshape((n_inputs, parts_of))
+        n, wide, at = own[1], max(own[5], 1) + 1, own[10:]
+        w = numbers[at[0] : at[0] + n_inputs * wide * n].reshape((n_inputs, wide, n))
+        begun = numbers[at[1] : at[1] + n_inputs * wide].reshape((n_inputs, wide))
         known = numbers[at[2] : at[2] + own[2] * n].reshape((own[2], n))
         y = numbers[at[3] : at[3] + own[3] * n].reshape((own[3], n))
         weight = numbers[at[4] : at[4] + own[4]]
