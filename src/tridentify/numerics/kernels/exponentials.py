@@ -129,51 +129,6 @@ def exponential(matrix: Array) -> Array:
     return found
 
 
-@compiled("(float64[:,::1], float64[::1], float64, boolean)")
-def discrete(a: Array, b: Array, dt: float, ramps: bool) -> tuple[Array, Array, Array]:
-    """``x_{k+1} = F x_k + G0 u_k + G1 u_{k+1}`` over a step, for an input that is held or ramps.
-
-    Parameters
-    ----------
-    a : (q, q) array
-        Lower triangular with pairs.
-    b : (q,) array
-    dt : float
-    ramps : bool
-        First-order hold.
-
-    Returns
-    -------
-    F : (q, q) array
-    G0, G1 : (q,) arrays
-    """
-    q = b.size
-    own, other = 1.0, 0.0
-    for i in range(q):
-        other = max(other, abs(b[i] * dt))
-        for j in range(q):
-            own = max(own, abs(a[i, j] * dt))
-    weight = 2.0 ** np.floor(np.log2(other / own) + 0.5) if other > LARGER * own else 1.0
-    at = 2 if ramps else 1
-    matrix = np.zeros((q + at, q + at))
-    if ramps:
-        matrix[1, 0] = 1.0
-    for i in range(q):
-        matrix[at + i, at - 1] = b[i] * dt / weight
-        for j in range(q):
-            matrix[at + i, at + j] = a[i, j] * dt
-    whole = exponential(matrix)
-    step, now, after = np.empty((q, q)), np.empty(q), np.zeros(q)
-    for i in range(q):
-        now[i] = whole[at + i, at - 1] * weight
-        if ramps:
-            after[i] = whole[at + i, 0] * weight
-            now[i] -= after[i]
-        for j in range(q):
-            step[i, j] = whole[at + i, at + j]
-    return step, now, after
-
-
 @compiled("(float64[:,::1], float64[::1], float64, int64)")
 def of_powers(a: Array, b: Array, dt: float, degree: int) -> tuple[Array, Array]:
     """``x_{k+1} = F x_k + sum_p G_p c_p`` over a step, for an input ``sum_p c_p (s / h)^p``.
@@ -216,6 +171,33 @@ def of_powers(a: Array, b: Array, dt: float, degree: int) -> tuple[Array, Array]
         for j in range(q):
             step[i, j] = whole[at + i, at + j]
     return step, taps
+
+
+@compiled("(float64[:,::1], float64[::1], float64, boolean)")
+def discrete(a: Array, b: Array, dt: float, ramps: bool) -> tuple[Array, Array, Array]:
+    """``x_{k+1} = F x_k + G0 u_k + G1 u_{k+1}`` over a step, for an input that is held or ramps.
+
+    Parameters
+    ----------
+    a : (q, q) array
+        Lower triangular with pairs.
+    b : (q,) array
+    dt : float
+    ramps : bool
+        First-order hold.
+
+    Returns
+    -------
+    F : (q, q) array
+    G0, G1 : (q,) arrays
+    """
+    step, taps = of_powers(a, b, dt, 1 if ramps else 0)
+    now, after = taps[0].copy(), np.zeros(b.size)
+    if ramps:
+        for i in range(b.size):
+            after[i] = taps[1, i]
+            now[i] -= after[i]
+    return step, now, after
 
 
 @compiled("float64[:,:,::1](float64[:,::1], float64[::1], float64[::1], float64[::1])")
