@@ -7,8 +7,11 @@ gets a model where the residual is not white, and coefficients and noise are fit
 
 Where more than half of the whitened residual follows the input, the samples are left as they are:
 with whitening the coefficients would move to where the missing response is smallest for its size,
-which can be far from anything wanted. What white weights explain and the whitened samples leave to
-the noise is told. In open loop an end that does not follow the output is not taken, but told.
+which can be far from anything wanted. An autoregression forecasts a slow response nearly as well as
+noise of the same colour, and hides most of it; but then the predictor, which knows the input,
+foretells most of the innovations that it leaves. What white weights explain and the whitened
+samples leave to the noise is told. In open loop an end that does not follow the output is not
+taken, but told.
 
 A mode that decays little within the record may stand for a disturbance that wanders over it, and
 what the plant then misses follows the input. Where white weights end at such a mode, or at a limit,
@@ -134,6 +137,8 @@ def with_noise_model(
     if isinstance(case, str):
         return _told(found, case)
     turns = Turns(question, starts, found, case.tinted, forecasts(_pairs(first.point)))
+    if not (in_loop or case.asked or case.slow) and turns.foretold(first.point):
+        return _told(found, FOLLOWED)
     best, likelier = _ends(turns, case, in_loop=in_loop)
     lost = not case.asked and _is_lost(best.end, first)
     if case.doubtful or (case.slow and lost):
@@ -168,7 +173,12 @@ def _coloured(first: Finished, *, asked: bool) -> Coloured | str:
 
 def _ends(turns: Turns, case: Coloured, *, in_loop: bool) -> tuple[Maximum, Maximum]:
     """The end on whitened samples, and the likeliest one, which need not follow the output."""
-    first, best = turns.found.end, turns.taken()
+    first = turns.found.end
+    if case.doubtful:
+        # a residual that follows the input is no noise to begin with
+        end = turns.from_predictor()
+        return end, end
+    best = turns.taken()
     if in_loop:
         best = turns.from_predictor(best)
     if turns.misses(best.end.point) or (not case.asked and _is_lost(best.end, first)):
@@ -192,7 +202,8 @@ def _may_be_a_disturbance(end: Finished) -> bool:
     problem = end.point.problem
     longest = max(e.duration for e in problem.experiments)
     slowest = float(np.min(np.abs(end.point.poles.real)))
-    return end.status is not Status.CONVERGED or slowest * longest < SLOW_MODE
+    sound = end.status in (Status.CONVERGED, Status.AT_SAMPLING_LIMIT)
+    return not sound or slowest * longest < SLOW_MODE
 
 
 def _pairs(point: Point) -> list[tuple[Array, Array]]:
@@ -206,7 +217,8 @@ def _told(found: Maximum, decision: str) -> Maximum:
 
 def _explains(end: Finished, turns: Turns) -> bool:
     """Whether an end follows the output, and leaves noise alone, as little as the predictors do."""
-    if np.any(output_rss(end.point) > end.point.problem.power * end.point.counts):
+    problem = end.point.problem
+    if not problem.noise or np.any(output_rss(end.point) > problem.power * end.point.counts):
         return False
     if (
         end.status is not Status.CONVERGED

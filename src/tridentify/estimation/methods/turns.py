@@ -17,6 +17,7 @@ the turns are taken once more from its noise.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -39,6 +40,7 @@ from tridentify.estimation.likelihood.levenberg_marquardt import (
 from tridentify.estimation.likelihood.noise_model import (
     LONGEST_MODELLED,
     MOST_ROUNDS,
+    MOSTLY,
     STILL,
     noise_models,
     residual_series,
@@ -65,6 +67,8 @@ ALIKE = 0.2
 """Distance of two starts' poles over their size, below which one of the two is tried."""
 MISSED = 1e-3
 """Probability of taking noise for a response that is missing."""
+FORETOLD = -math.log(1.0 - MOSTLY)
+"""AICc above the predictor's for each sample where most of the innovations' power is foretold."""
 MOST_LEFT = 0.5
 """Share of an output's power that such an end may leave to the noise: where an input acts late, the
 likeliest end of all may be that the output is noise, and nothing would be learnt of the
@@ -100,14 +104,16 @@ class Turns:
         self.question.say("coloured noise")
         return _alternate(self.question, self.found, self.tinted, self.starts)
 
-    def from_predictor(self, best: Maximum) -> Maximum:
-        """The likelier of an end and of that to which the noise of the predictor leads."""
+    def from_predictor(self, best: Maximum | None = None) -> Maximum:
+        """The likelier of an end, if there is one, and of that to which the predictor leads."""
         self.question.say("coloured noise, from the predictor")
         first = tuple(one.noise for one in self.known)
         try:
             other = _alternate(self.question, self.found, self.tinted, self.starts, first)
         except (TridentifyError, np.linalg.LinAlgError, FloatingPointError):
-            return best
+            return best or self.found
+        if best is None:
+            return other
         fall = _criterion(best.end.point) - _criterion(other.end.point)
         whole, other_whole = (one.end.status is Status.CONVERGED for one in (best, other))
         if whole == other_whole:
@@ -160,13 +166,27 @@ class Turns:
 
         Where it is large, the end is no likely one: part of the response has been taken for noise.
         """
+        models = point.problem.noise if noise is None else noise
+        return max(0.0, *(excess for excess, _ in self._excesses(point, models)))
+
+    def foretold(self, point: Point) -> bool:
+        """Whether predictors foretell most of what noise models leave of white ends' residuals."""
+        excesses = self._excesses(point, noise_models(point, self.tinted, None))
+        return all(
+            excess > FORETOLD * count
+            for (excess, count), tinted in zip(excesses, self.tinted, strict=True)
+            if tinted
+        )
+
+    def _excesses(self, point: Point, noise: tuple[Array, ...]) -> list[tuple[float, int]]:
+        """For every output the AICc above that of its predictor, and of how many samples."""
         problem = point.problem
         own = (problem.n_coefficients + problem.n_nuisance) / problem.n_outputs
-        models = problem.noise if noise is None else noise
-        found = 0.0
-        for series, a, one in zip(residual_series(point), models, self.known, strict=True):
+        found = []
+        for series, a, one in zip(residual_series(point), noise, self.known, strict=True):
             white = [whiten(left, a)[0] for left in series]
-            found = max(found, one.excess(white, own + a.size))
+            count = sum(int(np.isfinite(each[one.first :]).sum()) for each in white)
+            found.append((one.excess(white, own + a.size), count))
         return found
 
 
