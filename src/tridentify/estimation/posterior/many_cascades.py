@@ -29,6 +29,8 @@ from tridentify.numerics.arrays import Array, Complex
 
 CLOSEST = 1e-300
 """Keeps the logarithm of the distance of two equal poles a number: near the smallest double."""
+DIFFERENCE = 1e-6
+"""Step of central differences of a logarithm: near the cube root of rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,6 +163,17 @@ def coordinates(poles: Complex) -> Array:
     half = np.concatenate([-upper.real, 0.5 * (slow + fast)], axis=1)
     pairs = np.log(np.stack([frequency, half / frequency], axis=2)).reshape(count, -1)
     return np.concatenate([pairs, np.log(real[:, paired:])], axis=1).reshape(poles.shape)
+
+
+def phi_of_a(phi: Array) -> Array:
+    """(n, n) ``dphi / da`` by central differences of the polynomial."""
+    n = phi.size
+    steps = DIFFERENCE * np.eye(n)
+    up = Sections.of(phi + steps, n).polynomials()[:, 1:]
+    down = Sections.of(phi - steps, n).polynomials()[:, 1:]
+    jacobian = (up - down).T / (2.0 * DIFFERENCE)
+    scale = np.abs(jacobian).max(axis=1, keepdims=True)
+    return np.asarray(np.linalg.pinv(jacobian / scale) / scale.T)
 
 
 def numerator_tables(a: Array, b: Array, polynomials: Array) -> Array:

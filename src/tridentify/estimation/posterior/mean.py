@@ -43,11 +43,9 @@ from scipy.special import ndtri
 
 from tridentify.estimation.likelihood.cost import evaluate
 from tridentify.estimation.likelihood.problem import Problem
-from tridentify.estimation.posterior.many_cascades import Sections, coordinates
+from tridentify.estimation.posterior.first_draws import SEVERAL, first_draws
+from tridentify.estimation.posterior.many_cascades import Sections, coordinates, phi_of_a
 from tridentify.estimation.posterior.sampling import (
-    Box,
-    ProposalMixture,
-    StudentKernels,
     WeightedDraws,
     resample,
     sample,
@@ -77,18 +75,6 @@ MORE = 7
 TOO_FEW = 5.0
 """Independent draws below which nothing is said: not even a standard deviation is known to a
 third."""
-SEVERAL = 3
-"""Poles from which the mean is also taken section by section: with two there is one section."""
-SLOW_EDGE, FAST_EDGE = 0.3, 2.0
-"""Box of the first draws: rates from 0.3 over the record's length to 2 over the sampling interval,
-a factor of three beyond where the prior of `posterior.surface` begins to fall."""
-LEAST_DAMPING, MOST_DAMPING = 0.02, 6.0
-"""The same for the damping of a section: from light to two real poles a factor of 140 apart."""
-SPREAD = (0.02, 1.0)
-"""Least and largest standard deviation, in log rate and log damping, of the kernel at the end of a
-search."""
-DIFFERENCE = 1e-6
-"""Step of central differences of a logarithm: near the cube root of rounding."""
 SURE = 2.0
 """Standard errors between a pole and what the record excludes."""
 NORMAL = NormalDist()
@@ -173,7 +159,7 @@ class _Seen:
 def _seen(poles: Complex, cov: Array) -> list[_Seen]:
     """Sections with what the covariance (n, n) of ``a_{n-1} .. a_0`` says of them."""
     phi = coordinates(poles)
-    inverse = _phi_of_a(phi)
+    inverse = phi_of_a(phi)
     spread = inverse @ cov @ inverse.T
     n = phi.size
     found = []
@@ -245,17 +231,6 @@ def vagueness(poles: Complex, cov: Array, longest: float) -> float:
     return vaguest(poles, cov, longest).share
 
 
-def _phi_of_a(phi: Array) -> Array:
-    """(n, n) ``dphi / da`` by central differences of the polynomial."""
-    n = phi.size
-    steps = DIFFERENCE * np.eye(n)
-    up = Sections.of(phi + steps, n).polynomials()[:, 1:]
-    down = Sections.of(phi - steps, n).polynomials()[:, 1:]
-    jacobian = (up - down).T / (2.0 * DIFFERENCE)
-    scale = np.abs(jacobian).max(axis=1, keepdims=True)
-    return np.asarray(np.linalg.pinv(jacobian / scale) / scale.T)
-
-
 def posterior(problem: Problem, near: Sequence[tuple[Complex, Array | None]]) -> Posterior:
     """Weigh all denominators.
 
@@ -277,7 +252,7 @@ def posterior(problem: Problem, near: Sequence[tuple[Complex, Array | None]]) ->
         return found.log_density
 
     goals = (ENOUGH,) * n + (SOME,) * MORE
-    drawn = sample(density, _first(problem, near), ROUND, goals, generator)
+    drawn = sample(density, first_draws(problem, near), ROUND, goals, generator)
     whole = Surface.joined(seen)
     order = np.arange(1, n + 1)
     mean = _pitman(whole.denominators, whole.scale, drawn.weights, order)
@@ -328,32 +303,6 @@ def _ordered(roots: Complex) -> Array:
     slow_first = np.argsort(pairs[:, :, 0], axis=1)
     ordered = np.take_along_axis(pairs, slow_first[:, :, None], axis=1).reshape(len(phi), -1)
     return np.concatenate([ordered, phi[:, last:]], axis=1)
-
-
-def _first(problem: Problem, near: Sequence[tuple[Complex, Array | None]]) -> ProposalMixture:
-    """A box over the recorded band, and kernels at the ends of searches inside it."""
-    n, unit = problem.n_poles, unit_of(problem)
-    length = max(e.duration for e in problem.experiments) / unit
-    low = np.log([SLOW_EDGE / length, LEAST_DAMPING] * (n // 2) + [SLOW_EDGE / length] * (n % 2))
-    high = np.log([FAST_EDGE, MOST_DAMPING] * (n // 2) + [FAST_EDGE] * (n % 2))
-    parts: list[Box | StudentKernels | ProposalMixture] = [Box(low, high)]
-    order = np.arange(1, n + 1)
-    for poles, cov in near:
-        phi = coordinates(poles * unit)
-        outside = (phi < low - 1.0) | (phi > high + 1.0)
-        outside[1 : 2 * (n // 2) : 2] = False  # any damping that a search ended on
-        if not np.all(np.isfinite(phi)) or np.any(outside):
-            continue
-        spread = SPREAD[1] ** 2 * 0.1 * np.eye(n)
-        if cov is not None and np.all(np.isfinite(cov)):
-            scale = unit**order
-            inverse = _phi_of_a(phi)
-            spread = inverse @ (cov * np.outer(scale, scale)) @ inverse.T
-        values, vectors = np.linalg.eigh(0.5 * (spread + spread.T))
-        values = np.clip(values, SPREAD[0] ** 2, SPREAD[1] ** 2)
-        parts.append(StudentKernels(phi[None], np.linalg.cholesky((vectors * values) @ vectors.T)))
-    weights = (0.5, *(0.5 / (len(parts) - 1),) * (len(parts) - 1)) if len(parts) > 1 else (1.0,)
-    return ProposalMixture(tuple(parts), weights)
 
 
 def _draws(

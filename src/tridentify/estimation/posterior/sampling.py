@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Flags
 
 FREEDOM = 4.0
 """Degrees of freedom of the kernels: tails heavier than those of what they are to cover, and a
@@ -96,10 +96,39 @@ class StudentKernels:
 
 
 @dataclass(frozen=True, eq=False)
+class PartlyBox:
+    """Some coordinates from a box, the others from kernels.
+
+    Attributes
+    ----------
+    free : (d,) bool array
+        Those from the box.
+    box : Box
+    kernels : StudentKernels
+    """
+
+    free: Flags
+    box: Box
+    kernels: StudentKernels
+
+    def draw(self, count: int, generator: np.random.Generator) -> Array:
+        """(count, d) draws."""
+        found = np.empty((count, self.free.size))
+        found[:, self.free] = self.box.draw(count, generator)
+        found[:, ~self.free] = self.kernels.draw(count, generator)
+        return found
+
+    def log_density(self, points: Array) -> Array:
+        """(s,) log density."""
+        rest = self.kernels.log_density(points[:, ~self.free])
+        return self.box.log_density(points[:, self.free]) + rest
+
+
+@dataclass(frozen=True, eq=False)
 class ProposalMixture:
     """Several proposals with weights."""
 
-    parts: tuple[Box | StudentKernels | ProposalMixture, ...]
+    parts: tuple[Proposal, ...]
     weights: tuple[float, ...]
 
     def draw(self, count: int, generator: np.random.Generator) -> Array:
@@ -115,6 +144,9 @@ class ProposalMixture:
             for part, weight in zip(self.parts, self.weights, strict=True)
         ]
         return np.asarray(np.logaddexp.reduce(logs, axis=0))
+
+
+Proposal = Box | StudentKernels | PartlyBox | ProposalMixture
 
 
 def _power(base: Array, exponent: int) -> Array:

@@ -1,0 +1,62 @@
+"""The posterior mean of several poles: the same with twenty times as many draws."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tridentify import Record, Structure, ThreeModel, TransferFunction, simulate
+from tridentify.estimation.posterior import mean
+
+DT = 0.1
+
+
+def drawn(seed):
+    """A plant of two or three poles at a random place, and noise of up to the output's size."""
+    rng = np.random.default_rng(seed)
+    n_samples = int(rng.choice([60, 120, 250]))
+    w, zeta = rng.uniform(0.8, 4.0), rng.uniform(0.1, 1.2)
+    den = np.array([1.0, 2.0 * zeta * w, w * w])
+    if rng.random() < 0.5:
+        den = np.polymul(den, [1.0, w * rng.uniform(0.4, 3.0)])
+    u = np.repeat(rng.choice([-1.0, 1.0], n_samples // 5 + 1), 5)[:n_samples]
+    y = simulate(TransferFunction([den[-1]], den), Record(u, u, dt=DT))[:, 0]
+    ratio = 10.0 ** (-rng.uniform(0.0, 1.25))
+    return Record(u, y + ratio * np.std(y) * rng.standard_normal(n_samples), dt=DT)
+
+
+def found(record, poles):
+    return ThreeModel(noise="white", finish="posterior").estimate([record], Structure(poles, 0))
+
+
+def agrees_with_many_draws(seed, poles, monkeypatch):
+    record = drawn(seed)
+    few = found(record, poles)
+    monkeypatch.setattr(mean, "ROUND", 20_000)
+    many = found(record, poles)
+    # heavy tails move the mean of some hundred draws by half an error; a missed place by several
+    np.testing.assert_array_less(np.abs(few.theta - many.theta), many.std)
+
+
+def test_three_poles_are_found_wherever_they_may_lie(monkeypatch):
+    agrees_with_many_draws(88, 3, monkeypatch)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("poles", [3, 4])
+@pytest.mark.parametrize("seed", range(70, 90))
+def test_several_poles_are_found_wherever_they_may_lie(seed, poles, monkeypatch):
+    agrees_with_many_draws(seed, poles, monkeypatch)
+
+
+def test_a_record_that_excludes_a_pole_has_a_posterior():
+    # two poles are right: the third is as fast as it can be, and the others are known well
+    rng = np.random.default_rng(3)
+    u = np.repeat(rng.choice([-1.0, 1.0], 25), 10)
+    plant = TransferFunction([1.0, 2.0], [1.0, 1.2, 4.0])
+    y = simulate(plant, Record(u, u, dt=0.05))[:, 0]
+    record = Record(u, y + 0.02 * rng.standard_normal(250), dt=0.05)
+    estimate = ThreeModel(finish="posterior").estimate([record], Structure(3, 1))
+    assert estimate.status.name == "POSTERIOR_MEAN"
+    slow = np.sort_complex(estimate.model.poles)[1:]
+    np.testing.assert_allclose(np.poly(slow), [1.0, 1.2, 4.0], rtol=0.05)
