@@ -202,7 +202,7 @@ def _no_response(estimate: Estimate, records: Sequence[Record]) -> list[Finding]
 def _outside(estimate: Estimate, records: Sequence[Record]) -> list[Finding]:
     """Time constants far beyond the record, and oscillations that the samples cannot show."""
     longest = max(record.duration for record in records)
-    step = min(median(np.diff(record.t)) for record in records)
+    step = min(median(np.diff(record.t)) if record.dt is None else record.dt for record in records)
     poles = np.unique(np.concatenate([np.ravel(row) for row in _denominators(estimate)]))
     found = []
     slow = [p for p in poles if 0.0 < abs(p.real) * longest < 1.0 / BEYOND_RECORD and not p.imag]

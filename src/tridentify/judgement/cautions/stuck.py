@@ -139,7 +139,7 @@ def without_spikes(y: Array) -> Array:
     few = int(FEW_BEYOND * seen.size)
     spiked = np.zeros(y.size, dtype=bool)
     for side in (1.0, -1.0):
-        far = np.sort(side * seen)[-few - 1 :]
+        far = np.sort(np.partition(side * seen, -few - 1)[-few - 1 :])
         gaps = np.flatnonzero(np.diff(far) > step)
         if gaps.size and step > 0.0:
             spiked |= side * y > far[gaps[0]]

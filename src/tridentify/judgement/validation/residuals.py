@@ -36,6 +36,7 @@ from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import Whitener
 from tridentify.numerics.information import aicc_price
+from tridentify.numerics.kept import cached_property
 from tridentify.numerics.least_squares import solve
 from tridentify.numerics.realization import monomials
 from tridentify.record.checks.times import typical_step
@@ -76,12 +77,12 @@ class Output:
     nuisance: tuple[Array, ...]
     noise: Array
 
-    @property
+    @cached_property
     def seen(self) -> tuple[NDArray[np.bool_], ...]:
         """Where samples are."""
         return tuple(np.isfinite(one) for one in self.residual)
 
-    @property
+    @cached_property
     def count(self) -> int:
         """Samples that are there."""
         return sum(int(one.sum()) for one in self.seen)
@@ -102,12 +103,15 @@ class Output:
         columns : sequence of (n_samples, k) or (n_samples,) arrays
         noise : (p,) array
         """
-        found = []
+        many = columns[0].shape[1] if columns[0].ndim > 1 else 1
+        found, at = np.empty((many, sum(one.shape[0] for one in columns))), 0
         for one, seen in zip(columns, self.seen, strict=True):
-            rows = np.ascontiguousarray(np.where(seen, np.atleast_2d(one.T), 0.0))
-            found.append(Whitener(noise, rows.shape[0]).apply(rows, seen).T)
-        joined = np.vstack(found)
-        return joined[:, 0] if columns[0].ndim == 1 else joined
+            rows = found[:, at : at + seen.size]
+            rows[:] = one.T if seen.all() else np.where(seen, one.T, 0.0)
+            if noise.size:
+                Whitener(noise, many).apply(rows.copy(), seen, rows)
+            at += seen.size
+        return found[0] if columns[0].ndim == 1 else found.T
 
 
 @dataclass(frozen=True, eq=False)
