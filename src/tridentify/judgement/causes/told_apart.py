@@ -280,14 +280,16 @@ def _regression(
     total = Accumulator(levels + len(of) + 1, min(BLOCK, longest))
     rows = 0
     for e, record in enumerate(records):
-        u, y = (one - np.nanmean(one, axis=0) for one in (record.u, record.y))
+        gaps = bool(np.isnan(record.y).any())
+        u = record.u - record.u.mean(axis=0)
+        y = record.y - (np.nanmean if gaps else np.mean)(record.y, axis=0)
         for start in range(first, record.n_samples, BLOCK):
             stop = min(start + BLOCK, record.n_samples)
             block = np.zeros((levels + len(of) + 1, stop - start))
             block[e] = 1.0
             beside = [(y if output else u)[start - lag : stop - lag].T for output, lag in sources]
             block[levels:] = np.vstack([*beside, record.u[start:stop, j]])
-            block = block[:, np.isfinite(block).all(axis=0)]
+            block = block[:, np.isfinite(block).all(axis=0)] if gaps else block
             if not block.size:
                 continue
             total.buffer[:, : block.shape[1]] = block

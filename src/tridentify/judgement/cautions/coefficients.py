@@ -11,6 +11,7 @@ from tridentify.estimation.answer.finding import FEWER, Finding
 from tridentify.estimation.answer.trace import OTHER_DELAYS, REPEATED_INPUT
 from tridentify.judgement.causes.fewer import foretold, unsure
 from tridentify.numerics.quantiles import median
+from tridentify.numerics.rational import scaled_roots
 from tridentify.record.record import Record
 
 BEYOND_RECORD = 3.0
@@ -236,7 +237,7 @@ def _outside(estimate: Estimate, records: Sequence[Record]) -> list[Finding]:
 
 def _denominators(estimate: Estimate) -> list[list[complex]]:
     dens = [den for row in estimate.model.den for den in row]
-    return [list(np.roots(den)) for den in dens]
+    return [list(scaled_roots(den)) for den in dens]
 
 
 def _at_bounds(estimate: Estimate) -> list[Finding]:
