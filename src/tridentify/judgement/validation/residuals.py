@@ -34,7 +34,7 @@ from tridentify.judgement.causes.revisit import point_of, stated
 from tridentify.models.response import Response
 from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.autoregression import Whitener
+from tridentify.numerics.autoregression import whiten_columns
 from tridentify.numerics.information import aicc_price
 from tridentify.numerics.kept import cached_property
 from tridentify.numerics.least_squares import solve
@@ -103,15 +103,9 @@ class Output:
         columns : sequence of (n_samples, k) or (n_samples,) arrays
         noise : (p,) array
         """
-        many = columns[0].shape[1] if columns[0].ndim > 1 else 1
-        found, at = np.empty((many, sum(one.shape[0] for one in columns))), 0
-        for one, seen in zip(columns, self.seen, strict=True):
-            rows = found[:, at : at + seen.size]
-            rows[:] = one.T if seen.all() else np.where(seen, one.T, 0.0)
-            if noise.size:
-                Whitener(noise, many).apply(rows.copy(), seen, rows)
-            at += seen.size
-        return found[0] if columns[0].ndim == 1 else found.T
+        if columns[0].ndim > 1:
+            return whiten_columns(columns, self.seen, noise)
+        return whiten_columns([one[:, None] for one in columns], self.seen, noise)[:, 0]
 
 
 @dataclass(frozen=True, eq=False)
