@@ -72,13 +72,20 @@ def load_first(
         say("banks")
     from tridentify.estimation.likelihood import compiled_scatter
     from tridentify.models import compiled_regression
-    from tridentify.numerics.kernels import added_columns, cascades, exponentials, triangles
+    from tridentify.numerics.kernels import (
+        added_columns,
+        cascades,
+        exponentials,
+        hats,
+        robust_fit,
+        triangles,
+    )
 
     say("starts")
     from tridentify.estimation.search import compiled_starts
 
     numerics = recursions, polynomials, small_least_squares, cascades, exponentials, triangles
-    models = added_columns, compiled_columns, compiled_steps, compiled_regression
+    models = added_columns, hats, robust_fit, compiled_columns, compiled_steps, compiled_regression
     return *numerics, *models, compiled_cost, compiled_scatter, compiled_starts
 
 

@@ -298,6 +298,39 @@ class Whitener:
         return found
 
 
+def whiten_columns(columns: Sequence[Array], seen: Sequence[Flags], a: Array) -> Array:
+    """Innovations of columns of several series, one below the other.
+
+    Parameters
+    ----------
+    columns : sequence of (n_samples, k) arrays
+        What stands where a sample is missing does not matter; finite elsewhere.
+    seen : sequence of (n_samples,) bool arrays
+        Which samples are there; the others give zeros.
+    a : (p,) array
+
+    Returns
+    -------
+    (n_samples of all, k) array
+        Column after column in memory.
+
+    Examples
+    --------
+    >>> columns, seen = np.array([[1.0, 2.0], [np.nan, 4.0]]), np.array([True, False])
+    >>> whiten_columns([columns, columns[:1]], [seen, seen[:1]], np.zeros(0)).tolist()
+    [[1.0, 2.0], [0.0, 0.0], [1.0, 2.0]]
+    """
+    k = columns[0].shape[1]
+    found, at = np.empty((k, sum(mask.size for mask in seen))), 0
+    for one, mask in zip(columns, seen, strict=True):
+        rows = found[:, at : at + mask.size]
+        rows[:] = one.T if mask.all() else np.where(mask, one.T, 0.0)
+        if a.size:
+            Whitener(a, k).apply(rows.copy(), mask, rows)
+        at += mask.size
+    return found.T
+
+
 def whiten(series: Array, a: Array) -> tuple[Array, float]:
     """Innovations of one series, divided by their relative standard deviations.
 

@@ -137,8 +137,11 @@ def added_each(
     from tridentify.numerics.kernels.added_columns import explained_each
 
     left, p = residual - basis @ (basis.T @ residual), basis.shape[1]
-    columns = np.ascontiguousarray(np.column_stack([*groups, left]).T)
     firsts = np.cumsum([0, *(group.shape[1] for group in groups)])
+    columns = np.empty((int(firsts[-1]) + 1, left.size))
+    for first, group in zip(firsts.tolist(), groups, strict=False):
+        columns[first : first + group.shape[1]] = group.T
+    columns[-1] = left
     # a bound on singular values is wrong by its rounding
     table = explained_each(
         columns, np.ascontiguousarray(basis.T), firsts, (1.0 + ROUNDING) * cutoff

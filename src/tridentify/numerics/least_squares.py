@@ -120,37 +120,6 @@ class Accumulator:
         return upper(self._r)
 
 
-def least_squares(matrix: Array, target: Array, cutoff: float) -> Array:
-    """As `numpy.linalg.lstsq`, from the triangle of both where no direction is left out.
-
-    Parameters
-    ----------
-    matrix : (m, n) array
-    target : (m,) array
-    cutoff : float
-        Singular values below this share of the largest are left out.
-
-    Returns
-    -------
-    (n,) array
-        The shortest of all solutions.
-
-    Examples
-    --------
-    >>> rows = np.array([[1.0, 1.0], [1.0, 2.0], [1.0, 3.0]])
-    >>> least_squares(rows, np.array([2.0, 3.0, 4.0]), 1e-9).round(9)
-    array([1., 1.])
-    """
-    m, n = matrix.shape
-    both = np.empty((m, n + 1), order="F")
-    both[:, :-1], both[:, -1] = matrix, target
-    r = lapack.dgeqrf(both, overwrite_a=1)[0][: n + 1]
-    of = upper(r[:n, :n])
-    if m >= n > 0 and (least(of) > cutoff * float(np.linalg.norm(of)) or _is_full(of, cutoff)):
-        return np.asarray(lapack.dtrtrs(of, r[:n, n])[0])
-    return np.asarray(np.linalg.lstsq(matrix, target, rcond=cutoff)[0])
-
-
 def least(of: Array) -> float:
     """No more than the smallest singular value of a square triangle: from its inverse, no SVD.
 
@@ -162,11 +131,6 @@ def least(of: Array) -> float:
     inverse, failed = lapack.dtrtri(of)
     size = np.inf if failed else math.sqrt(float(np.einsum("ij,ij->", inverse, inverse)))
     return (1.0 - ROUNDING) / size if size > 0 else 0.0
-
-
-def _is_full(of: Array, cutoff: float) -> bool:
-    s = np.linalg.svd(of, compute_uv=False)
-    return bool(s[-1] > cutoff * s[0])
 
 
 CUTOFF = 1e-13

@@ -36,6 +36,23 @@ def median(values: Array) -> float:
     return float(0.5 * (low + high))
 
 
+def root_mean_square(values: Array) -> float:
+    """Of the samples that are there.
+
+    Parameters
+    ----------
+    values : (n,) array
+        ``nan`` marks a missing sample; that of none is ``nan``.
+
+    Examples
+    --------
+    >>> root_mean_square(np.array([3.0, np.nan, -3.0]))
+    3.0
+    """
+    seen = values[np.isfinite(values)]
+    return math.sqrt(float(seen @ seen) / seen.size) if seen.size else math.nan
+
+
 def quantiles(values: Array, shares: Sequence[float]) -> Array:
     """As `numpy.quantile` with its linear rule.
 

@@ -9,11 +9,14 @@ from __future__ import annotations
 import numpy as np
 
 from tridentify.numerics.arrays import Array, Complex, Flags
+from tridentify.numerics.recent import recent
 
 FAR = 500.0
 """Coefficients are scaled where one is 2^500 times the first: the ratio squared is a float."""
 MOST_POWER = 900.0
 """Largest power of two among scaled coefficients: a sum of several is a float."""
+KEPT = 16
+"""Polynomials whose roots are kept."""
 
 
 def rational_response(num: Array, den: Array, s: Complex) -> Complex:
@@ -54,6 +57,8 @@ def _horner(coefficients: Array, x: Complex, reverse: Flags) -> Complex:
     return value
 
 
+# what is said of a model asks for its poles again and again
+@recent(KEPT)
 def scaled_roots(coefficients: Array) -> Complex:
     """Roots of a polynomial, in units of their mean size where the coefficients lie far apart.
 
@@ -66,7 +71,7 @@ def scaled_roots(coefficients: Array) -> Complex:
     -------
     ndarray of complex, shape (at most n,)
         Without those that lie beyond the range of a float: the leading coefficient is as good as
-        zero then.
+        zero then. Nobody may write into them.
 
     Examples
     --------

@@ -171,6 +171,7 @@ def attempt(
     *,
     steps: int = MOST_STEPS,
     rounds: int = ROUNDS,
+    hopeless: float = np.inf,
 ) -> Attempt | None:
     """Fit an explanation from the most promising of several starts.
 
@@ -186,18 +187,24 @@ def attempt(
         Most Levenberg-Marquardt steps a round.
     rounds : int
         Noise models that are fitted.
+    hopeless : float
+        ``-2 log L`` that a step must promise to fall below, or none is made.
 
     Returns
     -------
     Attempt or None
-        None where the explanation cannot be had on these records.
+        None where the explanation cannot be had on these records, or is hopeless.
     """
     if not np.all(problem.size > 0.0):
         # a part of a record, all zeros: any coefficients explain it
         return None
     try:
         points = [evaluate(problem, problem.admissible(one)[0]) for one in starts]
-        start = min(points, key=lambda one: one.objective - one.decrease())
+        promised = [one.objective - one.decrease() for one in points]
+        best = min(range(len(points)), key=promised.__getitem__)
+        if promised[best] > hopeless:
+            return None
+        start = points[best]
         point = finish(partial(evaluate, problem), start, None, steps)[0]
         noise = point.problem.noise
         for _ in range(rounds if any(orders) else 0):

@@ -40,7 +40,7 @@ from tridentify.judgement.causes.levels_in_noise import chance_of_noise, stretch
 from tridentify.judgement.causes.surprises import moved, small_surprises
 from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.autoregression import Whitener
+from tridentify.numerics.autoregression import whiten_columns
 from tridentify.numerics.lagrange import Added, added, span
 from tridentify.record.record import Record
 from tridentify.transfer_function import TransferFunction
@@ -420,9 +420,4 @@ def _before(e: Array, lags: range) -> Array:
 
 
 def _white(columns: Sequence[Array], residual: Sequence[Array], noise: Array) -> Array:
-    found = []
-    for one, left in zip(columns, residual, strict=True):
-        seen = np.isfinite(left)
-        rows = np.ascontiguousarray(np.where(seen, np.nan_to_num(one).T, 0.0))
-        found.append(Whitener(noise, rows.shape[0]).apply(rows, seen).T)
-    return np.vstack(found)
+    return whiten_columns(columns, [np.isfinite(left) for left in residual], noise)

@@ -46,6 +46,11 @@ MANY = 3
 """Poles from which they are fitted whatever the errors say: the error of a mode that was picked
 among many is that of this mode, not of the choice."""
 
+HOPELESS = 10.0
+"""Times what fewer poles may cost, as a first step promises, from which they are not fitted. Of 255
+smaller structures, the 76 that did as well promised up to 0.94, and what was fitted reached from
+0.28 of its promise on."""
+
 MORE_LAGS = 2
 """Lags of the input beyond the number of poles: a model of that order and a sample of delay."""
 MOVED_BY_CHANCE = 1e-4
@@ -271,12 +276,13 @@ def _smallest(fitted: _Fitted, order: int) -> tuple[int, Zeros, Attempt] | None:
             smaller = replace(present, order=fewer, zeros=zeros).problem()
         except TridentifyError:
             continue
-        end = attempt(smaller, list(_starts(base.point.poles, order - fewer)), present.orders)
-        if end is None:
-            continue
-        price = 2.0 * (base.unknowns - end.unknowns)
+        whole, starts = base.point.problem, list(_starts(base.point.poles, order - fewer))
+        price = 2.0 * (whole.n_coefficients - smaller.n_coefficients)
+        price += 2.0 * (whole.n_nuisance - smaller.n_nuisance)
         price += (order - fewer) * float(np.log(base.count))
-        if end.deviance - base.deviance < price:
+        hopeless = base.point.objective + HOPELESS * price
+        end = attempt(smaller, starts, present.orders, hopeless=hopeless)
+        if end is not None and end.deviance - base.deviance < price:
             return fewer, zeros, end
     return None
 

@@ -11,6 +11,7 @@ from tridentify.estimation.likelihood.cost import Point, evaluate
 from tridentify.estimation.likelihood.nuisance import Nuisances, build
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.numerics.arrays import Complex
+from tridentify.numerics.rational import scaled_roots
 from tridentify.numerics.realization import sort_poles
 from tridentify.record.record import Record
 from tridentify.structure import Structure
@@ -60,7 +61,7 @@ def poles_of_estimate(estimate: Estimate, problem: Problem) -> Complex:
     found = []
     for group in problem.groups:
         i, j = group.channels[0]
-        found.append(sort_poles(np.roots(estimate.model.den[i][j]).astype(np.complex128)))
+        found.append(sort_poles(scaled_roots(estimate.model.den[i][j])))
     return problem.admissible(np.concatenate(found))[0]
 
 

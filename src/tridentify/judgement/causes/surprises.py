@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.least_squares import least_squares
+from tridentify.numerics.lagrange import span
 from tridentify.numerics.quantiles import median
 from tridentify.numerics.recent import recent
 from tridentify.record.record import Record
@@ -43,9 +43,6 @@ ROUNDING = 1e-12
 
 CUTOFF = 1e-10
 """Singular value over the largest below which past inputs tell nothing new."""
-
-NORMAL = 1.4826
-"""Standard deviation of a Gaussian over the median of its absolute values."""
 
 
 def small_surprises(records: Sequence[Record]) -> tuple[Array, ...]:
@@ -81,9 +78,10 @@ def _of_one(u: Array) -> Array:
     most = max(1, min(PAST, n_samples // (PER_PAST * n_inputs)))
     found = np.zeros((n_samples, n_inputs))
     known = _lagged(u, most)
+    basis = np.ascontiguousarray(span(known, cutoff=CUTOFF).T)
     for j in range(n_inputs if known.size else 0):
         least = COMMANDED * float(np.std(u[:, j])) + ROUNDING * float(np.max(np.abs(u[:, j])))
-        found[most:, j] = _small(known, np.asarray(u[most:, j]), least)
+        found[most:, j] = _small(basis, np.ascontiguousarray(u[most:, j]), least)
     found.flags.writeable = False
     return found
 
@@ -118,19 +116,12 @@ def _lagged(u: Array, most: int) -> Array:
     return np.hstack([*columns, np.ones((max(rows, 0), 1))])
 
 
-def _small(known: Array, now: Array, least: float) -> Array:
+def _small(basis: Array, now: Array, least: float) -> Array:
     """What a robust fit leaves, zero where that is large; all zero where it is rounding."""
-    weight = np.ones(now.size)
-    left, scale = now, 0.0
-    for turn in range(ROUNDS):
-        root = np.sqrt(weight)
-        fitted = least_squares(known * root[:, None], now * root, CUTOFF)
-        left = now - known @ fitted
-        scale = NORMAL * median(np.abs(left))
-        if scale <= least:
-            return np.zeros(now.size)
-        size = np.abs(left) / scale
-        # first those of Huber, which find the way from anywhere, then none for what is large
-        huber = 1.0 / np.maximum(size / 1.345, 1.0)
-        weight = huber if turn < ROUNDS // 2 else np.maximum(1.0 - (size / 4.685) ** 2, 0.0) ** 2
-    return np.where(np.abs(left) <= LARGE * scale, left, 0.0)
+    from tridentify.numerics.kernels.robust_fit import robustly
+
+    left = np.empty(now.size)
+    scale = robustly(basis, now, ROUNDS, least, left)
+    return (
+        np.where(np.abs(left) <= LARGE * scale, left, 0.0) if scale > least else np.zeros(now.size)
+    )

@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tridentify.estimation.answer.finding import Finding
+from tridentify.judgement.causes.first_samples import beginning
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.least_squares import Accumulator
 from tridentify.record.record import Record
@@ -31,6 +32,9 @@ MOST_LAGS = 8
 
 BLOCK = 4096
 """Samples that are folded into a triangle at a time."""
+
+FEW = 1024
+"""Samples that are folded at first: mostly they show that an input moves by itself."""
 
 PER_COLUMN = 5
 """Samples for each column of a regression, at least."""
@@ -189,6 +193,8 @@ def _law(records: Sequence[Record], j: int, most: int) -> Law:
     spread = max(float(np.std(record.u[:, j])) for record in records)
     # without a gap the shorter regressions are columns of the longest one
     gaps = any(bool(np.isnan(record.y).any()) for record in records)
+    if not gaps and rows > 2 * FEW and _by_itself(records, j, most, rows):
+        return none
     longest = None if gaps else _regression(records, j, most, most)
     alone, _ = (longest or _regression(records, j, most, most, outputs=False)).left(most, -1)
     if not alone > (ROUNDING * spread) ** 2 * rows:
@@ -210,6 +216,19 @@ def _law(records: Sequence[Record], j: int, most: int) -> Law:
         if outside < LITTLE:
             return Law(j, lags, outside, share)
     return none._replace(share=lowest)
+
+
+def _by_itself(records: Sequence[Record], j: int, most: int, rows: int) -> bool:
+    """Whether a few samples alone leave more than outputs could tell of the input in all of them.
+
+    All samples leave no less than some, and of an input there is no more to be told than moves.
+    """
+    longest = max(records, key=lambda one: one.n_samples)
+    some = _regression([beginning(longest, FEW)], j, most, most)
+    left, _ = some.left(most, most)
+    moves = sum(float(np.var(one.u[:, j])) * one.n_samples for one in records)
+    freedom = rows - len(some.lags) - len(records) + 1
+    return left * freedom >= LITTLE * max(moves - left, 0.0)
 
 
 class _Regression(NamedTuple):
@@ -261,14 +280,16 @@ def _regression(
     total = Accumulator(levels + len(of) + 1, min(BLOCK, longest))
     rows = 0
     for e, record in enumerate(records):
-        u, y = (one - np.nanmean(one, axis=0) for one in (record.u, record.y))
+        gaps = bool(np.isnan(record.y).any())
+        u = record.u - record.u.mean(axis=0)
+        y = record.y - (np.nanmean if gaps else np.mean)(record.y, axis=0)
         for start in range(first, record.n_samples, BLOCK):
             stop = min(start + BLOCK, record.n_samples)
             block = np.zeros((levels + len(of) + 1, stop - start))
             block[e] = 1.0
             beside = [(y if output else u)[start - lag : stop - lag].T for output, lag in sources]
             block[levels:] = np.vstack([*beside, record.u[start:stop, j]])
-            block = block[:, np.isfinite(block).all(axis=0)]
+            block = block[:, np.isfinite(block).all(axis=0)] if gaps else block
             if not block.size:
                 continue
             total.buffer[:, : block.shape[1]] = block

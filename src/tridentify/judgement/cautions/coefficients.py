@@ -11,6 +11,7 @@ from tridentify.estimation.answer.finding import FEWER, Finding
 from tridentify.estimation.answer.trace import OTHER_DELAYS, REPEATED_INPUT
 from tridentify.judgement.causes.fewer import foretold, unsure
 from tridentify.numerics.quantiles import median
+from tridentify.numerics.rational import scaled_roots
 from tridentify.record.record import Record
 
 BEYOND_RECORD = 3.0
@@ -202,7 +203,7 @@ def _no_response(estimate: Estimate, records: Sequence[Record]) -> list[Finding]
 def _outside(estimate: Estimate, records: Sequence[Record]) -> list[Finding]:
     """Time constants far beyond the record, and oscillations that the samples cannot show."""
     longest = max(record.duration for record in records)
-    step = min(median(np.diff(record.t)) for record in records)
+    step = min(median(np.diff(record.t)) if record.dt is None else record.dt for record in records)
     poles = np.unique(np.concatenate([np.ravel(row) for row in _denominators(estimate)]))
     found = []
     slow = [p for p in poles if 0.0 < abs(p.real) * longest < 1.0 / BEYOND_RECORD and not p.imag]
@@ -236,7 +237,7 @@ def _outside(estimate: Estimate, records: Sequence[Record]) -> list[Finding]:
 
 def _denominators(estimate: Estimate) -> list[list[complex]]:
     dens = [den for row in estimate.model.den for den in row]
-    return [list(np.roots(den)) for den in dens]
+    return [list(scaled_roots(den)) for den in dens]
 
 
 def _at_bounds(estimate: Estimate) -> list[Finding]:

@@ -21,7 +21,7 @@ from tridentify.judgement.causes.first_samples import Predictions, beginning
 from tridentify.judgement.validation.distribution import QUANTILE, SMALL_SAMPLE
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.converter import within_a_step
-from tridentify.numerics.quantiles import median, quantiles
+from tridentify.numerics.quantiles import median, quantiles, root_mean_square
 from tridentify.numerics.robust import median_scale
 from tridentify.record.record import Record
 
@@ -83,7 +83,7 @@ def outlier_findings(
         count = len(places)
         if not count or within_a_step([record.y[:, i] for record in records], series):
             continue
-        size = math.sqrt(float(np.nanmean(np.concatenate([r.y[:, i] for r in records]) ** 2)))
+        size = root_mean_square(np.concatenate([r.y[:, i] for r in records]))
         if math.sqrt(float(estimate.noise_variance[i])) > ROUNDING * size:
             many = f"{count} samples of {name} lie" if count > 1 else f"A sample of {name} lies"
             times = [float(records[e].t[k]) for e, k in places]

@@ -19,6 +19,7 @@ from tridentify.judgement.causes.slow import HALVES, slow_waves
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.correlation import autocorrelation
+from tridentify.numerics.quantiles import root_mean_square
 from tridentify.numerics.whiteness import input_share
 from tridentify.record.record import Record
 
@@ -250,8 +251,8 @@ def coloured_outputs(
     n_lags = min(MOST_LAGS, record.n_samples // 4)
     found = []
     for i, name in enumerate(estimate.output_names):
-        size = float(np.sqrt(np.nanmean(np.square(record.y[:, i]))))
-        if not float(np.sqrt(np.nanmean(np.square(residual[:, i])))) > ROUNDING * size:
+        size = root_mean_square(record.y[:, i])
+        if not root_mean_square(residual[:, i]) > ROUNDING * size:
             continue
         innovations = whiten(residual[:, i], estimate.noise_model[i])[0]
         correlation, count = autocorrelation(innovations, n_lags)

@@ -44,6 +44,7 @@ from tridentify.judgement.cautions.stuck import (
 )
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.converter import Runs, quantum, runs
+from tridentify.numerics.quantiles import root_mean_square
 from tridentify.record.record import Record
 
 Ints = NDArray[np.intp]
@@ -153,7 +154,7 @@ def _seen(
     for i, name in enumerate(record.output_names):
         y, f = without_spikes(record.y[:, i]), fitted[:, i]
         noise = math.sqrt(float(noise_variance[i]))
-        if not noise > ROUNDING * float(np.sqrt(np.nanmean(y**2))):
+        if not noise > ROUNDING * float(root_mean_square(y)):
             continue
         if (code := coded(y, name + where)) is not None:
             yield code, name
@@ -188,7 +189,7 @@ def _coarse(y: Array, q: float, noise: float, name: str) -> Seen | None:
     """The step of the converter against the noise."""
     if not (q > 0 and EXACT * q < noise < math.sqrt(DITHER**2 + 1.0 / 12.0) * q):
         return None
-    levels = round(float(np.nanmax(y) - np.nanmin(y)) / q) + 1
+    levels = round(float(np.fmax.reduce(y) - np.fmin.reduce(y)) / q) + 1
     share = min(q * q / 12.0 / noise**2, 1.0)
     return Seen(
         "quantisation",
@@ -205,8 +206,8 @@ def _saturated(
 ) -> list[Seen]:
     """Plateaus at the largest and the smallest value, inside of what the model says."""
     found = []
-    span = float(np.nanmax(y) - np.nanmin(y))
-    for side, limit in ((1.0, float(np.nanmax(y))), (-1.0, float(np.nanmin(y)))):
+    span = float(np.fmax.reduce(y) - np.fmin.reduce(y))
+    for side, limit in ((1.0, float(np.fmax.reduce(y))), (-1.0, float(np.fmin.reduce(y)))):
         at = y == limit
         plateaus = repeated.value == limit
         if at.sum() < FEWEST_AT_LIMIT or not plateaus.any():
@@ -283,7 +284,7 @@ def _follow(times: Ints, begun: Ints | None, changes: Ints, slack: int = 0) -> b
 
 def _inner(repeated: Runs, y: Array) -> NDArray[np.bool_]:
     """Runs that are neither at the largest nor at the smallest value."""
-    return ~np.isin(repeated.value, (np.nanmax(y), np.nanmin(y)))
+    return ~np.isin(repeated.value, (np.fmax.reduce(y), np.fmin.reduce(y)))
 
 
 def _clipped_input(u: Array, name: str) -> Seen | None:

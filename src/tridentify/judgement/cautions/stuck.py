@@ -139,7 +139,7 @@ def without_spikes(y: Array) -> Array:
     few = int(FEW_BEYOND * seen.size)
     spiked = np.zeros(y.size, dtype=bool)
     for side in (1.0, -1.0):
-        far = np.sort(side * seen)[-few - 1 :]
+        far = np.sort(np.partition(side * seen, -few - 1)[-few - 1 :])
         gaps = np.flatnonzero(np.diff(far) > step)
         if gaps.size and step > 0.0:
             spiked |= side * y > far[gaps[0]]
@@ -168,7 +168,7 @@ def hanging(
     name : str
         Of the output, and where it is.
     """
-    ends = (np.nanmax(y), np.nanmin(y))
+    ends = (np.fmax.reduce(y), np.fmin.reduce(y))
     seen = np.isfinite(y)
     pairs = max(int((seen[1:] & seen[:-1]).sum()), 1)
     stuck: list[tuple[int, int]] = []
@@ -230,7 +230,7 @@ def coded(y: Array, name: str) -> Seen | None:
     >>> coded(y, "y").samples == tuple(range(20, 30))
     True
     """
-    for value in (float(np.nanmin(y)), float(np.nanmax(y))):
+    for value in (float(np.fmin.reduce(y)), float(np.fmax.reduce(y))):
         others = y[np.isfinite(y) & (y != value)]
         at = np.flatnonzero(y == value)
         if at.size < FEWEST_CODES or np.unique(others[: LONG_RUN**2]).size < LONG_RUN:
@@ -273,13 +273,13 @@ def _at_rest(y: Array, u: Array, first: int, length: int) -> bool:
     before = y[: first + length]
     moved = float(np.nanmax(before) - np.nanmin(before))
     still = not np.ptp(u[: first + length - FEWEST_HANGING + 1], axis=0).any()
-    return still and moved <= STATIC * float(np.nanmax(y) - np.nanmin(y))
+    return still and moved <= STATIC * float(np.fmax.reduce(y) - np.fmin.reduce(y))
 
 
 def repeating(y: Array, u: Array, q: float, f: Array, repeated: Runs, name: str) -> Seen | None:
     """Runs of one value that the signal enters and leaves at a jump; parameters as of `hanging`."""
-    span = float(np.nanmax(y) - np.nanmin(y))
-    limits = np.isin(repeated.value, (np.nanmax(y), np.nanmin(y))) & (repeated.length > 2)
+    span = float(np.fmax.reduce(y) - np.fmin.reduce(y))
+    limits = np.isin(repeated.value, (np.fmax.reduce(y), np.fmin.reduce(y))) & (repeated.length > 2)
     own = ~limits & _jumps(y, repeated, JUMP * span)
     if q:
         own &= _regular(repeated, y, f, q)

@@ -81,16 +81,17 @@ def bends(view: View, output: int, estimate: Estimate) -> list[Columns]:
     list of tuples of (n_samples, k) arrays
         Per kind, one array per experiment.
     """
-    records, shapes = view.records, _shapes(view, output)
+    records = view.records
+    fitted = [np.nan_to_num(one) for one in view.outputs[output].fitted]
+    shapes = _scaled(fitted)
     den = estimate.model.den[output][0]
     inner = Channel(np.array([den[-1] or 1.0]), den, 0.0)
     kinds: list[list[Asked]] = [
         [(inner, [np.stack([y**2, y**3], axis=1) for y in shapes])],
         [(inner, [_turns(y)[:, None] for y in shapes])],
     ]
-    speeds = [np.nan_to_num(one) for one in view.outputs[output].fitted]
-    if turns(np.concatenate(speeds)):
-        kinds.append([(inner, [np.sign(one)[:, None] for one in speeds])])
+    if turns(np.concatenate(fitted)):
+        kinds.append([(inner, [np.sign(one)[:, None] for one in fitted])])
     kinds += _within(view, output, estimate)
     powers: list[Asked] = []
     limited: list[Asked] = []
@@ -156,10 +157,6 @@ def _channel(estimate: Estimate, output: int, j: int) -> Channel:
     model = estimate.model
     late_by = float(model.delay[output, j])
     return Channel(model.num[output][j], model.den[output][j], late_by)
-
-
-def _shapes(view: View, output: int) -> list[Array]:
-    return _scaled([np.nan_to_num(one) for one in view.outputs[output].fitted])
 
 
 def _scaled(series: Sequence[Array]) -> list[Array]:

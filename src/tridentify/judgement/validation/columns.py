@@ -12,7 +12,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import irfft, next_fast_len, rfft
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.validation import bends
@@ -28,8 +27,6 @@ FIRST_LAGS = 4
 """Lags that are knots of their own, as a direct term or a delay shows there."""
 PER_COLUMN = 6
 """Samples for each knot at least: with fewer the F test has no power."""
-AT_ONCE = 100_000
-"""Numbers that are transformed together: more leave the cache of a processor."""
 WAVES = 4
 """A constant and three cosines, the quickest of one and a half periods over the record."""
 
@@ -98,40 +95,18 @@ def responses(
 
 
 def _hats(u: Array, lags: Sequence[int]) -> Array:
-    """An input through each of several responses, some at a time where the record is long."""
-    size, lags = next_fast_len(2 * u.size, real=True), tuple(lags)
-    found = np.zeros((u.size, len(lags)))
-    wide = [k for k, (_, shape) in enumerate(_taps(lags)) if shape.size > 1]
-    for k in set(range(len(lags))).difference(wide):
-        # one tap: the input itself, later
-        found[lags[k] :, k] = u[: max(u.size - lags[k], 0)]
-    spectrum, step = rfft(u, size), max(AT_ONCE // size, 1)
-    for first in range(0, len(wide), step):
-        some = wide[first : first + step]
-        found[:, some] = irfft(spectrum * _spectra(lags, tuple(some), size), size)[:, : u.size].T
-    return found
+    """An input through each of several responses."""
+    from tridentify.numerics.kernels.hats import through_hats
+
+    found = np.empty((len(lags), u.size))
+    through_hats(np.ascontiguousarray(u), _between(tuple(lags)), found)
+    return found.T
 
 
 @lru_cache(maxsize=16)
-def _taps(lags: tuple[int, ...]) -> tuple[tuple[int, Array], ...]:
-    """Where each response begins, and its values from there on."""
-    found = []
-    for k, peak in enumerate(lags):
-        low = lags[k - 1] if k else peak - 1
-        high = lags[k + 1] if k + 1 < len(lags) else peak + 1
-        at = np.arange(low + 1, high)
-        found.append((low + 1, np.minimum((at - low) / (peak - low), (high - at) / (high - peak))))
-    return tuple(found)
-
-
-@lru_cache(maxsize=8)
-def _spectra(lags: tuple[int, ...], wide: tuple[int, ...], size: int) -> NDArray[np.complex128]:
-    """Transforms of some responses; nobody may write into them."""
-    some = [_taps(lags)[k] for k in wide]
-    responses = np.zeros((len(some), max(begin + shape.size for begin, shape in some)))
-    for row, (begin, shape) in zip(responses, some, strict=True):
-        row[begin : begin + shape.size] = shape
-    return np.asarray(rfft(responses, size))
+def _between(lags: tuple[int, ...]) -> NDArray[np.int64]:
+    """(k, 3) where each response rises from, its peak, and where it is zero again."""
+    return np.stack([[lags[0] - 1, *lags[:-1]], lags, [*lags[1:], lags[-1] + 1]], axis=1)
 
 
 def waves(view: View) -> tuple[Array, ...]:

@@ -344,9 +344,8 @@ def suspicious(view: View, index: int, estimate: Estimate) -> bool:
     found = columns.searched_columns(view, index, estimate)
     e, basis = whitened(output, output.noise, _fitted(output))
     kinds = (*found.late, *found.bends, found.past, found.wave, found.later, found.coming)
-    white = output.white(joined(*kinds), output.noise)
-    ends = np.cumsum([one[0].shape[1] for one in kinds])[:-1]
-    tests = added_each(e, basis, np.split(white, ends, axis=1), output.count)
+    white = [output.white(one, output.noise) for one in kinds]
+    tests = added_each(e, basis, white, output.count)
     return len(tests) * min(test.p_value for test in tests) < SUSPICIOUS
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,10 @@ from tridentify.record.record import Record
 
 SAID = ("findings", "trace", "call")
 """What `identify` adds to an estimate after it was judged: no test looks at it."""
+
+_ALL_BUT_SAID: attrgetter[tuple[Any, ...]] = attrgetter(
+    *(one.name for one in fields(Estimate) if one.name not in SAID)
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +173,7 @@ def _are(some: Sequence[Any], others: Sequence[Any]) -> bool:
 
 
 def _judged(estimate: Estimate) -> tuple[Any, ...]:
-    return tuple(getattr(estimate, one.name) for one in fields(estimate) if one.name not in SAID)
+    return _ALL_BUT_SAID(estimate)
 
 
 def _signature(records: Sequence[Record]) -> tuple[str, ...]:

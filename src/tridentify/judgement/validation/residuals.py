@@ -34,8 +34,9 @@ from tridentify.judgement.causes.revisit import point_of, stated
 from tridentify.models.response import Response
 from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.autoregression import Whitener
+from tridentify.numerics.autoregression import whiten_columns
 from tridentify.numerics.information import aicc_price
+from tridentify.numerics.kept import cached_property
 from tridentify.numerics.least_squares import solve
 from tridentify.numerics.realization import monomials
 from tridentify.record.checks.times import typical_step
@@ -76,12 +77,12 @@ class Output:
     nuisance: tuple[Array, ...]
     noise: Array
 
-    @property
+    @cached_property
     def seen(self) -> tuple[NDArray[np.bool_], ...]:
         """Where samples are."""
         return tuple(np.isfinite(one) for one in self.residual)
 
-    @property
+    @cached_property
     def count(self) -> int:
         """Samples that are there."""
         return sum(int(one.sum()) for one in self.seen)
@@ -102,12 +103,9 @@ class Output:
         columns : sequence of (n_samples, k) or (n_samples,) arrays
         noise : (p,) array
         """
-        found = []
-        for one, seen in zip(columns, self.seen, strict=True):
-            rows = np.ascontiguousarray(np.where(seen, np.atleast_2d(one.T), 0.0))
-            found.append(Whitener(noise, rows.shape[0]).apply(rows, seen).T)
-        joined = np.vstack(found)
-        return joined[:, 0] if columns[0].ndim == 1 else joined
+        if columns[0].ndim > 1:
+            return whiten_columns(columns, self.seen, noise)
+        return whiten_columns([one[:, None] for one in columns], self.seen, noise)[:, 0]
 
 
 @dataclass(frozen=True, eq=False)
