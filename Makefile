@@ -41,7 +41,7 @@ app: $(INSTALLED_APP) ## install, then open the workbench in the browser on the 
 	@$(VENV)/bin/tridentify app build/workbench/short_period.csv $(APP_ARGS)
 
 test: $(INSTALLED_DEV) ## install, then run the fast tests and the docstring examples
-	@HYPOTHESIS_PROFILE=$${HYPOTHESIS_PROFILE:-quick} $(PYTEST) -m "not slow" $(PYTEST_ARGS)
+	@HYPOTHESIS_PROFILE=$${HYPOTHESIS_PROFILE:-quick} $(PYTEST) $(ASSERT) -m "not slow" $(PYTEST_ARGS) $(AGAIN)
 
 test-all: $(INSTALLED_DEV) ## the same with the long statistical tests
 	@$(PYTEST) $(PYTEST_ARGS)
@@ -61,6 +61,9 @@ ci: check
 ifneq ($(filter ci,$(MAKECMDGOALS)),)
 docs test: | kernels
 test: | lint browser
+# In a fresh clone each worker would rewrite every assertion; what fails is run again with its values.
+ASSERT := --assert=plain
+AGAIN = || { $(PYTEST) --last-failed -m "not slow"; exit 1; }
 endif
 
 lint: $(INSTALLED_DEV) ## formatting, lint, types, layers
