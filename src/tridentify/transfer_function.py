@@ -35,8 +35,6 @@ from tridentify.writing.layout import format_polynomial
 from tridentify.writing.notebook import fraction
 from tridentify.writing.views import ModelViews
 
-__all__ = ["TransferFunction"]
-
 Polynomials = tuple[tuple[Array, ...], ...]
 
 

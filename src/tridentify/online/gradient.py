@@ -63,7 +63,6 @@ P. C. Young, Recursive Estimation and Time-Series Analysis, 2nd ed., Springer 20
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import ClassVar
@@ -398,6 +397,3 @@ def _searching(
             break
         samples = cleaned
     return answer
-
-
-__all__: Sequence[str] = ("Gradient",)

@@ -36,8 +36,6 @@ from tridentify.record.formats.time_names import epoch_unit, unit_in_name
 from tridentify.record.record import Record
 from tridentify.writing.layout import printable
 
-__all__ = ["LongRecord", "open_record"]
-
 CHUNK = 1 << 18
 """Samples of a part: 2 MB a channel, so that a dozen of parts and the columns of a block stay far
 below 100 MB; and long enough that reading one costs no more than its bytes."""

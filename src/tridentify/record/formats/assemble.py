@@ -53,8 +53,6 @@ from tridentify.record.formats.time_names import (
 )
 from tridentify.record.record import Record
 
-__all__ = ["Instants", "Wanted", "record_from", "time_channels"]
-
 Instants = Literal["auto", "outputs", "all"]
 
 DATE_NAMES = ("timestamp", "datetime", "date")

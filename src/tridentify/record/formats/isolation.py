@@ -37,9 +37,7 @@ from tridentify.errors import (
     shown,
 )
 from tridentify.numerics.arrays import Array
-from tridentify.record.formats.channels import CALLER, Channel
-
-__all__ = ["IsolatedFile"]
+from tridentify.record.formats.channels import CALLER, Channel, SampledFile
 
 PATIENCE = 30.0
 """Time that a file of no length may take [s]."""
@@ -111,7 +109,7 @@ def memory_limit() -> int:
     return max(machine_memory() // SHARE, LEAST)
 
 
-class IsolatedFile:
+class IsolatedFile(SampledFile):
     """An `OpenFile` whose reader runs in a child process; a context manager.
 
     Parameters
@@ -196,10 +194,6 @@ class IsolatedFile:
         """Give the sampling instants of a clock [s], if the file knows them."""
         found = self._ask({"instants": clock})[1]
         return found[0] if found else None
-
-    def place(self, row: int) -> str:
-        """Name a sample by its number, from 1."""
-        return f"sample {row + 1}"
 
     def _send(self, message: object) -> None:
         stream = self._process.stdin

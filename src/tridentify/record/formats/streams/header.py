@@ -17,11 +17,15 @@ from tridentify.errors import (
 from tridentify.numerics.arrays import Array
 from tridentify.record.checks.names import file_units
 from tridentify.record.formats.assemble import find_channel
-from tridentify.record.formats.channels import SECONDS, Channel, OpenFile, header_channel
+from tridentify.record.formats.channels import (
+    SECONDS,
+    Channel,
+    OpenFile,
+    SampledFile,
+    header_channel,
+)
 from tridentify.record.formats.text_table import repeated_name
 from tridentify.record.formats.time_names import named_time, unit_in_name
-
-__all__ = ["Asked", "HeaderColumns", "find_columns"]
 
 
 @dataclass(frozen=True)
@@ -85,7 +89,7 @@ class HeaderColumns:
 
 
 @dataclass(frozen=True)
-class _Header:
+class _Header(SampledFile):
     """The names of columns as an `OpenFile`, so that they are found as in a file."""
 
     path: Path
@@ -93,12 +97,6 @@ class _Header:
 
     def read(self, indices: Sequence[int]) -> list[Array]:
         return []
-
-    def instants(self, clock: str) -> Array | None:
-        return None
-
-    def place(self, row: int) -> str:
-        return ""
 
 
 def find_columns(names: Sequence[str], units: Sequence[str], asked: Asked) -> HeaderColumns:

@@ -48,9 +48,6 @@ from tridentify.record.formats.streams.read_rows import AROUND, BadLine, BadLine
 from tridentify.record.formats.text_opening import COMMENTS
 from tridentify.record.formats.title_lines import best_separator
 
-__all__ = ["RowReader"]
-
-
 _FEW = 16
 """Lines that are read one by one rather than in halves: those among them that are wrong are
 named."""
