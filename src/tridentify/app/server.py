@@ -331,7 +331,7 @@ def views(bench: Bench) -> APIRouter:
     def series(
         name: str, channels: str = "", start: float = 0.0, end: float | None = None,
         pixels: int = 1000,
-    ) -> dict[str, Any]:  # fmt: skip
+    ) -> Any:  # fmt: skip
         record = bench.record(name)
         asked = _names(channels, [one["name"] for one in record["channels"]])
         arguments = {
@@ -341,29 +341,23 @@ def views(bench: Bench) -> APIRouter:
             "pixels": min(max(pixels, 1), MOST_PIXELS),
             "t0": record["t0"],
         }
-        found: dict[str, Any] = bench.read("series", name, **arguments)
-        return found
+        return bench.read("series", name, **arguments)
 
     @router.get("/records/{name}/stretches")
     def stretches(
         name: str, channel: str, low: float | None = None, high: float | None = None
-    ) -> list[dict[str, Any]]:
+    ) -> Any:
         record = bench.record(name)
         known(record, [channel])
-        found: list[dict[str, Any]] = bench.read(
-            "stretches", name, channel=channel, low=low, high=high, t0=record["t0"]
-        )
-        return found
+        return bench.read("stretches", name, channel=channel, low=low, high=high, t0=record["t0"])
 
     @router.get("/records/{name}/manoeuvres")
-    def manoeuvres(name: str) -> list[dict[str, Any]]:
-        found: list[dict[str, Any]] = bench.read("manoeuvres", name, card=bench.record(name))
-        return found
+    def manoeuvres(name: str) -> Any:
+        return bench.read("manoeuvres", name, card=bench.record(name))
 
     @router.get("/records/{name}/advice")
-    def advice(name: str) -> dict[str, Any]:
-        found: dict[str, Any] = bench.read("advice", name, card=bench.record(name))
-        return found
+    def advice(name: str) -> Any:
+        return bench.read("advice", name, card=bench.record(name))
 
     return router
 

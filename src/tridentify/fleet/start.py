@@ -20,6 +20,7 @@ from tridentify.judgement.choice import checked_method
 from tridentify.record.checks.samples import Intersample
 from tridentify.record.formats.assemble import Instants, Wanted
 from tridentify.structure import AutoStructure, Structure
+from tridentify.writing.lock import alone_in
 
 
 def fit(
@@ -144,7 +145,7 @@ def fit(
         summable(job.structure)
         refuse_references(references)
     say = working.telling(progress)
-    with store.alone():
+    with alone_in(store.folder):
         notes = store.begin(job.in_words(), resume=resume)
         for note in notes:
             working.LOG.warning(note)

@@ -12,10 +12,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from statistics import NormalDist
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib.axes import Axes
 
 from tridentify.errors import OptionError, SampleTypeError, shown
 from tridentify.estimation.answer.assemble import fingerprint
@@ -27,9 +28,6 @@ from tridentify.plots import style
 from tridentify.plots.lines import Line, lines_of
 from tridentify.record.record import Record
 from tridentify.writing.layout import IN_PICTURES, short
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 
 def plot_record(record: Record, *, axes: Sequence[Axes] | None = None) -> style.Panels:

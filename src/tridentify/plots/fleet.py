@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from tridentify.errors import IdentifiabilityError
 from tridentify.fleet.run import Run, coefficients
 from tridentify.numerics.arrays import Array
 from tridentify.plots import style
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 HEIGHT = 1.5
 """Of the axes of one coefficient [inch]."""

@@ -10,10 +10,11 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib.axes import Axes
 
 from tridentify.errors import OptionError
 from tridentify.estimation.answer.estimate import Estimate
@@ -34,9 +35,6 @@ from tridentify.uncertainty import (
 )
 from tridentify.uncertainty.checks import checked_level, checked_times
 from tridentify.uncertainty.step import powers_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 AT_ZERO = 1e-9
 """Of the largest pole, below which another is one at zero."""

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib.axes import Axes
 
 from tridentify.numerics.arrays import Array
 from tridentify.online import Flag, Run
 from tridentify.plots import style
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 Truth = float | npt.ArrayLike | Callable[[Array], npt.ArrayLike]
 
