@@ -207,9 +207,8 @@ def checked(given: Mapping[str, Any]) -> dict[str, str]:
             )
         choices = known[name].choices
         if choices and str(value) not in choices:
-            raise OptionError(
-                f"found {name} = {shown(str(value))}; expected one of {', '.join(choices)}; "
-                "choose one"
+            raise OptionError.found(
+                f"{name} = ", str(value), f"one of {', '.join(choices)}", "choose one"
             )
     return {**DEFAULTS, **{name: str(value).strip() for name, value in given.items()}}
 
@@ -269,9 +268,7 @@ def _terms(chosen: Mapping[str, str]) -> dict[str, Any]:
 
 def _seconds(text: str) -> float:
     if not re.fullmatch(NUMBER, text):
-        raise OptionError(
-            f"found the delay {shown(text)}; expected seconds such as 0.12, or free; correct it"
-        )
+        raise OptionError.found("the delay ", text, "seconds such as 0.12, or free")
     return float(text)
 
 

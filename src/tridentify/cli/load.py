@@ -147,9 +147,8 @@ def units_from(given: Sequence[str]) -> dict[str, str]:
     for text in given:
         name, sign, unit = (part.strip() for part in text.rpartition("="))
         if not (name and sign and unit) or name in found:
-            raise OptionError(
-                f"found --unit {shown(text)}; expected a column and its unit such as q=rad/s, once "
-                "for each column; correct it"
+            raise OptionError.found(
+                "--unit ", text, "a column and its unit such as q=rad/s, once for each column"
             )
         found[name] = unit
     return found

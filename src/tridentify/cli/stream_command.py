@@ -170,15 +170,10 @@ def _source(text: str, follow: bool) -> ByteSource:
         say(f"listening at {source.name}")
         return source
     if "://" in text and not path.exists():
-        raise OptionError(
-            f"found the source {shown(text)}; expected -, a file, or udp://127.0.0.1:PORT; correct "
-            "it"
-        )
+        raise OptionError.found("the source ", text, "-, a file, or udp://127.0.0.1:PORT")
     opened = source_of_file(path, follow, say)
     if follow and isinstance(opened, PipeSource):
-        raise OptionError(
-            f"found --follow with the pipe {shown(text)}; expected a file; leave --follow out"
-        )
+        raise OptionError.found("--follow with the pipe ", text, "a file", "leave --follow out")
     return opened
 
 

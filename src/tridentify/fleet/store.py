@@ -107,9 +107,8 @@ class Store:
                 return dict(found)
         except (OSError, ValueError, KeyError, TypeError):
             pass
-        raise UnreadableFileError(
-            f"found no manifest of a fleet in {shown(str(path))}; expected one of form {FORM}; "
-            "choose another folder"
+        raise UnreadableFileError.found(
+            "no manifest of a fleet in ", str(path), f"one of form {FORM}", "choose another folder"
         )
 
     def _clear(self) -> None:

@@ -204,10 +204,7 @@ class Estimator(ABC):
                 "example Structure(poles=2, zeros=1)"
             )
         if not asked.is_number(dt) or not 0.0 < float(dt) < math.inf:
-            raise SamplingError(
-                f"found dt={shown(dt)}; expected a sampling interval above zero, in seconds; "
-                "correct it"
-            )
+            raise SamplingError.found("dt=", dt, "a sampling interval above zero, in seconds")
         check_span(float(dt), float(dt))
         inputs, outputs = (
             asked.names_given("input_names", input_names),

@@ -315,9 +315,8 @@ def open_record(
         tuple(inputs), tuple(outputs), None if dt is not None else named, dt, intersample, units
     )
     if source.n_samples < 2:
-        raise TooFewSamplesError(
-            f"found {source.n_samples} sample in {shown(source.path.name)}; expected at least two; "
-            "record longer"
+        raise TooFewSamplesError.found(
+            f"{source.n_samples} sample in ", source.path.name, "at least two", "record longer"
         )
     head = _head(source, wanted)
     step = float(dt) if dt is not None else _uniform_step(source, str(named), wanted, chunk)

@@ -27,7 +27,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from tridentify.errors import OptionError, shown
+from tridentify.errors import OptionError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.trace import freeze_arrays
 from tridentify.numerics import delta_method
@@ -190,9 +190,7 @@ def sample(
     """
     count, own = checked_count("n_draws", n_draws, 1), checked_count("seed", seed, 0)
     if scale not in ("coefficients", "stable"):
-        raise OptionError(
-            f"found scale={shown(scale)}; expected 'coefficients' or 'stable'; choose one"
-        )
+        raise OptionError.found("scale=", scale, "'coefficients' or 'stable'", "choose one")
     rng = np.random.default_rng(own)
     if len(estimate.draws):
         chosen = rng.choice(len(estimate.draws), count, replace=count > len(estimate.draws))

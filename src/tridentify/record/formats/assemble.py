@@ -84,9 +84,8 @@ class Wanted:
         object.__setattr__(self, "outputs", _as_names("output", self.outputs))
         object.__setattr__(self, "references", _as_names("reference", self.references))
         if self.instants not in ("auto", "outputs", "all"):
-            raise OptionError(
-                f"found instants={shown(self.instants)}; expected 'auto', 'outputs' or 'all'; "
-                "choose one"
+            raise OptionError.found(
+                "instants=", self.instants, "'auto', 'outputs' or 'all'", "choose one"
             )
 
 
@@ -309,9 +308,8 @@ def _read(
                 "sampled together"
             )
         if len(samples) < 2:
-            raise TooFewSamplesError(
-                f"found {len(samples)} row in {shown(source.path.name)}; expected at least 2; "
-                "record for longer"
+            raise TooFewSamplesError.found(
+                f"{len(samples)} row in ", source.path.name, "at least 2", "record for longer"
             )
     return values, [axes[channel.clock] for channel in channels]
 

@@ -15,7 +15,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from tridentify.errors import ForeignObjectError, TextInColumnError, shown
+from tridentify.errors import ForeignObjectError, TextInColumnError
 from tridentify.numerics.arrays import Array
 from tridentify.record.checks.names import split_unit
 from tridentify.record.formats.time_names import unit_of_clock
@@ -131,9 +131,8 @@ def real_numbers(rows: Any, what: str, path: Path) -> Array:
         They are text, dates or complex.
     """
     if rows.dtype.kind not in "fiub":
-        raise TextInColumnError(
-            f"found {rows.dtype} in {what} of {shown(path.name)}; expected real numbers; save the "
-            "array as float"
+        raise TextInColumnError.found(
+            f"{rows.dtype} in {what} of ", path.name, "real numbers", "save the array as float"
         )
     return np.asarray(rows, dtype=np.float64)
 

@@ -56,9 +56,8 @@ class FrameTable(SampledFile):
             for name in self._names
         )
         if not len(frame):
-            raise EmptyFileError(
-                f"found no row in {shown(path.name)}; expected rows of numbers; check that it was "
-                "saved completely"
+            raise EmptyFileError.found(
+                "no row in ", path.name, "rows of numbers", "check that it was saved completely"
             )
 
     def read(self, indices: Sequence[int]) -> list[Array]:

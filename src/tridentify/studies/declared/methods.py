@@ -160,9 +160,7 @@ def _scaled(options: nouns.Options, system: nouns.DeclaredSystem) -> dict[str, A
 def _filter(options: Mapping[str, Any], system: nouns.DeclaredSystem) -> tuple[float, ...]:
     filter_ = tuple(options.get("filter", PAPER_FILTER))
     if not all(isinstance(value, int | float) for value in filter_):
-        raise OptionError(
-            f"found filter={shown(filter_)}; expected numbers in descending powers; correct it"
-        )
+        raise OptionError.found("filter=", filter_, "numbers in descending powers")
     if len(filter_) <= len(system.den):
         raise OptionError(
             f"found a filter of degree {len(filter_) - 1} for the {len(system.den) - 1} poles of "

@@ -160,7 +160,6 @@ def _content(path: Path) -> Mapping[str, Any]:
             return dict(found["settings"])
     except (OSError, ValueError, KeyError, TypeError):
         pass
-    raise UnreadableFileError(
-        f"found no settings of a study in {shown(str(path))}; expected those of form {FORM}; "
-        "choose another folder"
+    raise UnreadableFileError.found(
+        "no settings of a study in ", str(path), f"those of form {FORM}", "choose another folder"
     )
