@@ -15,9 +15,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import subprocess
 import sys
-import tempfile
 import threading
 import warnings
 from collections.abc import Iterator, Sequence
@@ -38,6 +36,7 @@ from tridentify.errors import (
 )
 from tridentify.numerics.arrays import Array
 from tridentify.record.formats.channels import CALLER, Channel, SampledFile
+from tridentify.record.formats.child_process import ChildProcess
 
 PATIENCE = 30.0
 """Time that a file of no length may take [s]."""
@@ -132,19 +131,9 @@ class IsolatedFile(SampledFile):
         self.path = path
         self.kind = kind
         self._late = False
-        # a child that is killed cannot clear up the temporary files of its library
-        self._folder = tempfile.TemporaryDirectory(prefix="tridentify-", ignore_cleanup_errors=True)
-        temporary = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), self._folder.name)
         try:
-            self._process = subprocess.Popen(
-                [sys.executable, "-I", "-c", BOOT],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                env={**os.environ, **temporary, **ENVIRONMENT},
-            )
+            self._process = ChildProcess(BOOT, ENVIRONMENT)
         except OSError as error:
-            self._folder.cleanup()
             raise self._unreadable(f"no way to start a reader ({error.strerror})") from error
         try:
             self._send([entry for entry in sys.path if isinstance(entry, str)])
@@ -176,13 +165,7 @@ class IsolatedFile(SampledFile):
 
     def close(self) -> None:
         """End the child."""
-        self._process.kill()
-        for stream in (self._process.stdin, self._process.stdout):
-            if stream is not None:
-                with contextlib.suppress(OSError):
-                    stream.close()
-        self._process.wait()
-        self._folder.cleanup()
+        self._process.end()
 
     def read(self, indices: Sequence[int]) -> list[Array]:
         """Give channels as numbers."""
