@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from matplotlib.axes import Axes
-from matplotlib.ticker import MultipleLocator
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.advice import FrequencyResponse
@@ -20,6 +19,9 @@ from tridentify.plots.over_time import wrapped
 from tridentify.uncertainty import ResponseBand, response_band, sample, sampled_response_band
 from tridentify.uncertainty.checks import checked_level
 from tridentify.writing.layout import IN_PICTURES, short
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Parts = tuple[Array, Array, Array]
 """A line with the lower and the upper end of its band."""
@@ -307,6 +309,7 @@ def _scale(line: Array, low: Array, high: Array, least_reach: float) -> tuple[fl
 
 
 def _degree_ticks(ax: Axes) -> None:
+    from matplotlib.ticker import MultipleLocator
 
     bottom, top = ax.get_ylim()
     steps = (5, 15, 30, 45, 90, 180, 360)

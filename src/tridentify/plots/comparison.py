@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from tridentify.errors import OptionError, shown
 from tridentify.estimation.answer.parameter import Parameter
@@ -18,6 +18,10 @@ from tridentify.plots import style
 from tridentify.plots.bode import default_frequencies, draw_magnitudes
 from tridentify.plots.lines import Line, lines_of, named_first
 from tridentify.plots.over_time import wrapped
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 
 MARKERS = "osD^vP*X"
 MAGNITUDE = 1.9

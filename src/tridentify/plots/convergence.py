@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.ticker import MaxNLocator, NullFormatter
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.plots import style
 from tridentify.writing.layout import short
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 MARKERS = "osD^vP*"
 COLUMNS = 3
@@ -35,6 +36,8 @@ def plot_convergence(estimate: Estimate, *, axes: Sequence[Axes] | None = None) 
     Panels
         The axes.
     """
+    from matplotlib.ticker import NullFormatter
+
     style.checked(estimate, Estimate, "plot_convergence(estimate)")
     rows = -(-len(estimate.names) // COLUMNS)
     drawn = style.make_axes(axes, [2.0 + 0.18 * rows, 1.3, 1.6], sharex=True)
@@ -104,6 +107,7 @@ def _log_line(
 
 
 def _finish(axes: Sequence[Axes], numbers: np.ndarray[tuple[int], np.dtype[np.int_]]) -> None:
+    from matplotlib.ticker import MaxNLocator
 
     for ax in (axes[0], axes[2]):
         if ax.get_legend_handles_labels()[1]:

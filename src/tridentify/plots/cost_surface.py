@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.ticker import MaxNLocator
 
 from tridentify.errors import OptionError, shown
 from tridentify.estimation.answer.estimate import Estimate
@@ -16,6 +14,9 @@ from tridentify.plots import style
 from tridentify.record.record import Record
 from tridentify.uncertainty.checks import checked_count
 from tridentify.uncertainty.cost_surface import Bowl, CostSurface, cost_surface, step_2_bowl
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Range = tuple[float, float]
 
@@ -209,6 +210,8 @@ def _axes(axes: Sequence[Axes] | None) -> style.Panels:
 
 def _filled(ax: Axes, x: Array, y: Array, cost: Array) -> None:
     """Filled contours of the logarithm, with a scale beside them."""
+    from matplotlib.ticker import MaxNLocator
+
     known = cost[np.isfinite(cost) & (cost > 0)]
     if not known.size:
         return

@@ -12,11 +12,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from statistics import NormalDist
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from matplotlib.axes import Axes
 
 from tridentify.errors import OptionError, SampleTypeError, shown
 from tridentify.estimation.answer.assemble import fingerprint
@@ -28,6 +27,9 @@ from tridentify.plots import style
 from tridentify.plots.lines import Line, lines_of
 from tridentify.record.record import Record
 from tridentify.writing.layout import IN_PICTURES, short
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 def plot_record(record: Record, *, axes: Sequence[Axes] | None = None) -> style.Panels:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from tridentify.errors import IdentifiabilityError
 from tridentify.fleet.run import Run, coefficients
 from tridentify.numerics.arrays import Array
 from tridentify.plots import style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 HEIGHT = 1.5
 """Of the axes of one coefficient [inch]."""

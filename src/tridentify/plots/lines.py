@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from tridentify.errors import OptionError, SampleTypeError, shown
 from tridentify.estimation.answer.estimate import Estimate
@@ -15,6 +15,9 @@ from tridentify.numerics.arrays import Array
 from tridentify.plots.style import CYCLE, DASHES, cycle_colour
 from tridentify.record.record import Record
 from tridentify.transfer_function import TransferFunction
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 @dataclass(frozen=True, eq=False)

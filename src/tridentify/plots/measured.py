@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from tridentify.judgement.advice import FrequencyResponse
 from tridentify.numerics.arrays import Array
 from tridentify.plots import style
 from tridentify.plots.over_time import wrapped
 from tridentify.writing.layout import IN_PICTURES, short
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 
 TWO_SIDED = 1.96
 """Of 95 % of a Gaussian error [standard errors]."""

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
-from matplotlib.colors import to_rgb
 
 from tridentify.judgement.comparison.entries import Models
 from tridentify.numerics.arrays import Array, Complex
@@ -22,6 +19,10 @@ from tridentify.plots.over_time import wrapped
 from tridentify.uncertainty import response_covariance
 from tridentify.uncertainty.checks import checked_level
 from tridentify.uncertainty.draws import frequency_values
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 
 ASPECT = 1.5
 """Width over height of the frame."""
@@ -162,6 +163,8 @@ def _draw_ellipses(
     ax: Axes, omega: Array, curve: Complex, cov: Array, level: float, half: float, line: Line
 ) -> None:
     """A band of many ellipses, and a few of them outlined."""
+    from matplotlib.collections import PolyCollection
+
     sound = np.isfinite(curve) & np.all(np.isfinite(cov), axis=(1, 2))
     with np.errstate(invalid="ignore"):
         spread = np.sqrt(np.trace(cov, axis1=1, axis2=2))
@@ -195,6 +198,8 @@ def _draw_ellipses(
 
 def _paler(colour: str) -> tuple[float, float, float]:
     """The colour on white, as its band would be."""
+    from matplotlib.colors import to_rgb
+
     red, green, blue = (1.0 - SHADE * (1.0 - part) for part in to_rgb(colour))
     return red, green, blue
 

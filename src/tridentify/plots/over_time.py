@@ -10,11 +10,10 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from matplotlib.axes import Axes
 
 from tridentify.errors import OptionError
 from tridentify.estimation.answer.estimate import Estimate
@@ -35,6 +34,9 @@ from tridentify.uncertainty import (
 )
 from tridentify.uncertainty.checks import checked_level, checked_times
 from tridentify.uncertainty.step import powers_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 AT_ZERO = 1e-9
 """Of the largest pole, below which another is one at zero."""

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.comparison.entries import Models
@@ -19,6 +17,9 @@ from tridentify.plots.style import BLACK, CYCLE, WIDTH, Panels, dress, literal, 
 from tridentify.uncertainty import RootUncertainty, poles, zeros
 from tridentify.uncertainty.checks import checked_level
 from tridentify.writing.layout import format_std, format_value, short
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 FAR_ROOT = 6.0
 """Zeros beyond this multiple of the largest pole would squeeze all else into a dot."""
@@ -159,6 +160,8 @@ def _title(lines: Sequence[Line], level: float) -> str:
 
 def _heighten(ax: Axes, height: float) -> None:
     """Make the figure high enough for what stands above and below the axes [inch]."""
+    from matplotlib.figure import Figure
+
     if isinstance(ax.figure, Figure):
         ax.figure.set_size_inches(WIDTH, height)
 

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.ticker import MaxNLocator
 from scipy.special import ndtri
 
 from tridentify.judgement.validation.result import CrossCorrelation, Validation, Whiteness
 from tridentify.numerics.arrays import Array
 from tridentify.plots import style
 from tridentify.writing.layout import p_in_words
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 
 HEIGHT, SQUARE = 1.5, 2.2
 """Inches of a panel over time or lag, and of the square one."""
@@ -187,6 +190,8 @@ def _beside(validation: Validation) -> list[float]:
 
 def _own_times(ax: Axes, validation: Validation, starts: list[float]) -> None:
     """Time of its own, and a number, for each experiment."""
+    from matplotlib.ticker import MaxNLocator
+
     places, labels = [], []
     each = max(MOST_TICKS // len(starts), 1)
     for e, (t, start) in enumerate(zip(validation.times, starts, strict=True)):

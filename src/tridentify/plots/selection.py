@@ -7,16 +7,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from tridentify.errors import UnsupportedError
 from tridentify.judgement.selection import Hankel, Selection, SelectionRow
 from tridentify.numerics.arrays import Array
 from tridentify.plots import style
 from tridentify.plots.style import BLUE, GREY, ORANGE, Panels, checked, dress, make_axes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 CRITERIA = (
     ("aic", "AIC", style.AMBER, "^"),

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.excitation import Excitation, Spectrum
@@ -26,6 +26,10 @@ from tridentify.plots.style import (
     shorten,
 )
 from tridentify.transfer_function import TransferFunction
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 
 VISIBLE = 1e-3
 """Lines below this share of the largest are not drawn."""

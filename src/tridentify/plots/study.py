@@ -16,11 +16,9 @@ import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from tridentify.errors import IdentifiabilityError
 from tridentify.models.simulate import simulate
@@ -42,6 +40,9 @@ from tridentify.studies.declared.result import CoefficientStatistics, DeclaredRe
 from tridentify.transfer_function import TransferFunction
 from tridentify.writing.files import write_atomically
 from tridentify.writing.views import unseen
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 COLOURS = (style.ORANGE, style.BLUE, style.GREEN)
 """Of the estimators, in the pictures of this study."""
@@ -263,6 +264,8 @@ def _draw_printed(ax: Axes, group: Sequence[Condition], k: int) -> None:
 
 def _draw_legend(ax: Axes) -> None:
     """One for all axes, above them."""
+    from matplotlib.figure import Figure
+
     handles, labels = ax.get_legend_handles_labels()
     order = sorted(range(len(labels)), key=lambda i: labels[i].rsplit(":", 1)[-1])
     figure = ax.figure

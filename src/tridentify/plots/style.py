@@ -8,12 +8,10 @@ import os
 import textwrap
 import threading
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from tridentify.errors import OptionError, SampleTypeError, shown
 from tridentify.estimation.answer.estimate import Estimate
@@ -22,6 +20,11 @@ from tridentify.record.record import Record
 from tridentify.transfer_function import TransferFunction
 from tridentify.writing.layout import IN_PICTURES, short, unit_ratio
 from tridentify.writing.views import are_unseen
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
 
 Kind = TypeVar("Kind")
 Corner = Literal["lower left", "lower right"]
@@ -112,6 +115,8 @@ def new_figure(width: float, height: float) -> Figure:
         another thread, where a window could not be.
     """
     if are_unseen() or threading.current_thread() is not threading.main_thread():
+        from matplotlib.figure import Figure
+
         return Figure(figsize=(width, height), layout="constrained")
     import matplotlib.pyplot as plt
 

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from matplotlib.axes import Axes
 
 from tridentify.numerics.arrays import Array
 from tridentify.online import Flag, Run
 from tridentify.plots import style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Truth = float | npt.ArrayLike | Callable[[Array], npt.ArrayLike]
 

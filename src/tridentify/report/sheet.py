@@ -8,16 +8,17 @@ by what titles, legends and labels take.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.axis import Axis
-from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
-from matplotlib.figure import Figure
-from matplotlib.text import Text
 
 from tridentify.plots.style import WIDTH
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
+    from matplotlib.backends.backend_agg import RendererAgg
+    from matplotlib.figure import Figure
 
 EDGE = 0.08
 """Free of ink around the figure and between what stands beside each other [inch]."""
@@ -46,6 +47,8 @@ class Sheet:
     """
 
     def __init__(self, heights: Sequence[float], columns: int = 1, *, share: bool = True) -> None:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
 
         self.heights = tuple(heights)
         around = [(LEFT + RIGHT, BELOW + ABOVE) for _ in range(max(columns, 1))]
@@ -137,6 +140,8 @@ def _below(ax: Axes) -> float:
 
 def _above(ax: Axes, renderer: RendererAgg) -> float:
     """Room above axes [inch]: a legend there, a title, the factor of the scale."""
+    from matplotlib.text import Text
+
     title, legend = ax.get_title(loc="left"), ax.get_legend()
     over = [
         child
