@@ -337,7 +337,7 @@ def method_of(chosen: Mapping[str, str]) -> Method:
     OptionError
         The method has no such choice.
     """
-    asked = _method_options(chosen)
+    asked = {key: chosen[key] for key in GIVEN_TO_METHOD if chosen[key] != DEFAULTS[key]}
     make: Any = METHODS[chosen["method"]]
     try:
         method: Method = make(**asked)
@@ -350,10 +350,6 @@ def method_of(chosen: Mapping[str, str]) -> Method:
             "it with three-model; leave it as it comes or choose that method"
         ) from None
     return method
-
-
-def _method_options(chosen: Mapping[str, str]) -> dict[str, str]:
-    return {name: chosen[name] for name in GIVEN_TO_METHOD if chosen[name] != DEFAULTS[name]}
 
 
 def words_of(structure: Structure) -> str:

@@ -9,7 +9,6 @@ import asyncio
 import json
 import sqlite3
 from collections.abc import AsyncIterator, Awaitable, Callable
-from dataclasses import dataclass
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -113,30 +112,14 @@ LONGEST_WAIT = 5.0
 """Seconds that a question about an estimate may wait for its end."""
 
 
-@dataclass(frozen=True)
-class Settings:
-    """Of one server.
-
-    Attributes
-    ----------
-    token : str
-    port : int
-    most_uploaded : int
-        Bytes.
-    """
-
-    token: str
-    port: int
-    most_uploaded: int = 512_000_000
-
-
-def create(bench: Bench, settings: Settings) -> FastAPI:
+def create(bench: Bench, guard: Guard) -> FastAPI:
     """The application: page, interface, and who may ask for them.
 
     Parameters
     ----------
     bench : Bench
-    settings : Settings
+    guard : Guard
+        Of all that is asked.
 
     Returns
     -------
@@ -144,7 +127,7 @@ def create(bench: Bench, settings: Settings) -> FastAPI:
     """
     app = FastAPI(title="tridentify workbench", docs_url=None, redoc_url=None, openapi_url=None)
     app.middleware("http")(_noted(bench))
-    app.middleware("http")(Guard(settings.token, settings.port, settings.most_uploaded))
+    app.middleware("http")(guard)
     app.include_router(page())
     app.include_router(session(bench), prefix="/api")
     app.include_router(records(bench), prefix="/api")

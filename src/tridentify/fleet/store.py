@@ -71,7 +71,8 @@ class Store:
         digest = digest_of(settings)
         before = self.manifest()
         if not resume:
-            self._clear()
+            for path in (*self.parts.glob("*.parquet"), *self.parts.glob(f"*{DAMAGED}")):
+                path.unlink()
         elif before and before["settings"] != digest:
             changed = ", ".join(
                 f"{name} {shown(before['options'].get(name), 60)}"
@@ -110,10 +111,6 @@ class Store:
         raise UnreadableFileError.found(
             "no manifest of a fleet in ", str(path), f"one of form {FORM}", "choose another folder"
         )
-
-    def _clear(self) -> None:
-        for path in (*self.parts.glob("*.parquet"), *self.parts.glob(f"*{DAMAGED}")):
-            path.unlink()
 
     def set_aside(self) -> tuple[str, ...]:
         """Rename parts that are not whole; their records count as not done."""

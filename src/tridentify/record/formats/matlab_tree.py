@@ -183,8 +183,9 @@ def _column(
                 f"found numbers of type {array.dtype} in {shown(header)} of "
                 f"{shown(found.path.name)}; expected real numbers; choose another variable"
             )
-        table = array.reshape(-1, length, order="F").T if turned else _table(array, length)
-        return np.array(table[:, k], dtype=np.float64)
+        shape = (-1, length) if turned else (length, -1)
+        table = array.reshape(shape, order="F")
+        return np.array(table[k] if turned else table[:, k], dtype=np.float64)
 
     return load
 
@@ -193,10 +194,6 @@ def _loaded(found: _Found, numbers: Numbers) -> np.ndarray:
     """Load an array whose declared size memory can hold, all columns of it."""
     check_size(8 * numbers.size, found.path)
     return np.asarray(numbers.load())
-
-
-def _table(array: np.ndarray, length: int) -> np.ndarray:
-    return array.reshape(length, -1, order="F")
 
 
 # ------------------------------------------------------------------------------ known structures
