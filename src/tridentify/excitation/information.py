@@ -31,6 +31,7 @@ from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidat
 from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.least_squares import triangle
+from tridentify.physical.model import model_of
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
@@ -152,13 +153,7 @@ def structure_of(model: TransferFunction) -> Structure:
 
 def model_from(theta: Array, structure: Structure, like: TransferFunction) -> TransferFunction:
     """The model of a parameter vector, with the names of channels of another."""
-    num, den = structure.split(theta, like.n_outputs, like.n_inputs)
-    delay = np.array(structure.delay_matrix(like.n_outputs, like.n_inputs))
-    if structure.delay == "free":
-        delay = np.tile(theta[-like.n_inputs :], (like.n_outputs, 1))
-    return TransferFunction(
-        num, den, delay=delay, input_names=like.input_names, output_names=like.output_names
-    )
+    return model_of(structure, theta, like.input_names, like.output_names)
 
 
 def fullest(records: Sequence[Record], structure: Structure) -> tuple[Nuisances, bool]:

@@ -42,7 +42,7 @@ from tridentify.numerics.arrays import Array
 from tridentify.record.checks.names import did_you_mean, file_units
 from tridentify.record.checks.samples import Intersample
 from tridentify.record.checks.times import TIME_TOLERANCE, sample_range, time_axis, uniform_step
-from tridentify.record.formats.channels import SECONDS, Channel, OpenFile
+from tridentify.record.formats.channels import SECONDS, Channel, OpenFile, seconds_of
 from tridentify.record.formats.rounded_time import raster_behind
 from tridentify.record.formats.time_names import (
     epoch_unit,
@@ -344,13 +344,9 @@ def _seconds(source: OpenFile, clock: Channel, time: Array, units: Mapping[str, 
             f"found {time[0]:.6g} s in the time column {shown(clock.header)}; expected less than "
             "1e11, as seconds since 1970 are; correct its unit (ms, us or ns)"
         )
-    if unit not in SECONDS:
-        raise UnitError(
-            f"found the unit {shown(unit)} of the time column {shown(clock.header)}; expected s, "
-            "ms, us, ns, min or h; convert the column to seconds or correct the unit"
-        )
+    scale = seconds_of(unit, clock.header)
     even = raster_behind(time)
-    seconds: Array = (time if even is None else even) * SECONDS[unit]
+    seconds: Array = (time if even is None else even) * scale
     return seconds
 
 

@@ -15,7 +15,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from tridentify.errors import ForeignObjectError, TextInColumnError
+from tridentify.errors import ForeignObjectError, TextInColumnError, UnitError, shown
 from tridentify.numerics.arrays import Array
 from tridentify.record.checks.names import split_unit
 from tridentify.record.formats.time_names import unit_of_clock
@@ -47,6 +47,22 @@ SECONDS = {
     "hours": 3600.0,
 }
 """Units of time, as the formats write them [s]."""
+
+
+def seconds_of(unit: str, header: str) -> float:
+    """How long the unit of a column of time is [s].
+
+    Raises
+    ------
+    UnitError
+        It is none of time.
+    """
+    if unit not in SECONDS:
+        raise UnitError(
+            f"found the unit {shown(unit)} of the time column {shown(header)}; expected s, ms, "
+            "us, ns, min or h; convert the column to seconds or correct the unit"
+        )
+    return SECONDS[unit]
 
 
 CALLER = 6
