@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tridentify.errors import TridentifyError
+from tridentify.estimation.likelihood.choose_nuisance import Finished
 from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.numerics.slices import Slices
 from tridentify.online import layout, scatter, steps
@@ -208,7 +209,7 @@ def is_certain(
     setting: layout.Setting,
     blueprint: layout.Blueprint,
     x: Array,
-    solution: steps.StepsEnd,
+    solution: Finished,
     poles: Complex,
 ) -> bool:
     """Whether the samples tell the poles; a bank on poles that are mostly noise loses more."""
@@ -341,7 +342,7 @@ def _found_better(
     setting: layout.Setting,
     samples: Array,
     begun_anew: bool,
-    solution: steps.StepsEnd,
+    solution: Finished,
     factor: float,
 ) -> Slices[FoundPoles | None]:
     """What a search of the kept samples finds, if it explains them clearly better.
