@@ -13,6 +13,8 @@ True
 
 from __future__ import annotations
 
+from typing import Self
+
 __all__ = [
     "BoundsError",
     "CandidateError",
@@ -104,6 +106,25 @@ def shown(value: object, limit: int = 40) -> str:
 
 class TridentifyError(Exception):
     """Base of every exception that tridentify raises on purpose."""
+
+    @classmethod
+    def found(cls, what: str, value: object, expected: str, remedy: str = "correct it") -> Self:
+        """The error about a value: what it was called, what was expected, and what to do.
+
+        Parameters
+        ----------
+        what : str
+            What stands before the value in the message, as ``dt=`` or ``--unit ``.
+        value : object
+            Shown in quotes, shortened.
+        expected, remedy : str
+
+        Examples
+        --------
+        >>> print(OptionError.found("level=", 2.0, "a probability between 0 and 1", "write 0.95"))
+        found level=2.0; expected a probability between 0 and 1; write 0.95
+        """
+        return cls(f"found {what}{shown(value)}; expected {expected}; {remedy}")
 
 
 # --- the data ------------------------------------------------------------------------------------

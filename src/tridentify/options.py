@@ -207,9 +207,8 @@ def checked(given: Mapping[str, Any]) -> dict[str, str]:
             )
         choices = known[name].choices
         if choices and str(value) not in choices:
-            raise OptionError(
-                f"found {name} = {shown(str(value))}; expected one of {', '.join(choices)}; "
-                "choose one"
+            raise OptionError.found(
+                f"{name} = ", str(value), f"one of {', '.join(choices)}", "choose one"
             )
     return {**DEFAULTS, **{name: str(value).strip() for name, value in given.items()}}
 
@@ -269,9 +268,7 @@ def _terms(chosen: Mapping[str, str]) -> dict[str, Any]:
 
 def _seconds(text: str) -> float:
     if not re.fullmatch(NUMBER, text):
-        raise OptionError(
-            f"found the delay {shown(text)}; expected seconds such as 0.12, or free; correct it"
-        )
+        raise OptionError.found("the delay ", text, "seconds such as 0.12, or free")
     return float(text)
 
 
@@ -340,7 +337,7 @@ def method_of(chosen: Mapping[str, str]) -> Method:
     OptionError
         The method has no such choice.
     """
-    asked = _method_options(chosen)
+    asked = {key: chosen[key] for key in GIVEN_TO_METHOD if chosen[key] != DEFAULTS[key]}
     make: Any = METHODS[chosen["method"]]
     try:
         method: Method = make(**asked)
@@ -353,10 +350,6 @@ def method_of(chosen: Mapping[str, str]) -> Method:
             "it with three-model; leave it as it comes or choose that method"
         ) from None
     return method
-
-
-def _method_options(chosen: Mapping[str, str]) -> dict[str, str]:
-    return {name: chosen[name] for name in GIVEN_TO_METHOD if chosen[name] != DEFAULTS[name]}
 
 
 def words_of(structure: Structure) -> str:

@@ -35,8 +35,6 @@ from tridentify.writing.layout import format_polynomial
 from tridentify.writing.notebook import fraction
 from tridentify.writing.views import ModelViews
 
-__all__ = ["TransferFunction"]
-
 Polynomials = tuple[tuple[Array, ...], ...]
 
 
@@ -256,9 +254,8 @@ class TransferFunction(ModelViews):
             or frequency.dtype.kind not in "fiu"
             or not np.isfinite(frequency).all()
         ):
-            raise OptionError(
-                f"found omega={shown(omega)}; expected finite real frequencies [rad/s] in one "
-                "dimension; correct omega"
+            raise OptionError.found(
+                "omega=", omega, "finite real frequencies [rad/s] in one dimension", "correct omega"
             )
         s = 1j * frequency.astype(np.complex128)
         response = np.empty((s.size, self.n_outputs, self.n_inputs), dtype=np.complex128)

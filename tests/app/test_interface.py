@@ -26,7 +26,8 @@ from fastapi.testclient import TestClient
 from interface_types import ANSWERS, Refusal, Revision, Stretch
 from tridentify.app.answers import _few, shared_time
 from tridentify.app.bench import Bench
-from tridentify.app.server import Settings, create
+from tridentify.app.safety import Guard
+from tridentify.app.server import create
 from tridentify.app.session import Session
 from tridentify.record.formats.roles import guess_roles
 from tridentify.record.formats.series import read_series
@@ -126,7 +127,7 @@ def unlike(value, kind, where="answer"):
 
 @pytest.fixture(scope="module")
 def ask(bench):
-    app = create(bench, Settings(TOKEN, PORT, most_uploaded=200_000))
+    app = create(bench, Guard(TOKEN, PORT, most_uploaded=200_000))
     with Typed(app, base_url=f"http://127.0.0.1:{PORT}", headers=HEADERS) as client:
         yield client
 
@@ -641,7 +642,7 @@ def test_a_session_comes_back_after_its_process_was_killed(folder, tmp_path):
     """The file is opened a second time while the first process never said good-bye."""
     first = Bench(Session(tmp_path / "s.sqlite"), folder)
     token = first.session.token
-    app = create(first, Settings(TOKEN, PORT))
+    app = create(first, Guard(TOKEN, PORT))
     with TestClient(app, base_url=f"http://127.0.0.1:{PORT}", headers=HEADERS) as client:
         card = opened(client)
         ranges = [{"start": 1.0, "end": 15.0, "use": "identify"}]
@@ -653,7 +654,7 @@ def test_a_session_comes_back_after_its_process_was_killed(folder, tmp_path):
     for path in tmp_path.glob("s.sqlite*"):
         (tmp_path / path.name.replace("s.", "copy.", 1)).write_bytes(path.read_bytes())
     second = Bench(Session(copy), folder)
-    app = create(second, Settings(TOKEN, PORT))
+    app = create(second, Guard(TOKEN, PORT))
     with TestClient(app, base_url=f"http://127.0.0.1:{PORT}", headers=HEADERS) as client:
         after = client.get("/api/session").json()
         assert after == before
@@ -667,7 +668,7 @@ def test_a_session_comes_back_after_its_process_was_killed(folder, tmp_path):
 def test_a_file_that_is_gone_is_told_and_its_models_stay(tmp_path):
     (tmp_path / "log.csv").write_text(flight())
     bench = Bench(Session(tmp_path / "s.sqlite"), tmp_path)
-    app = create(bench, Settings(TOKEN, PORT))
+    app = create(bench, Guard(TOKEN, PORT))
     with TestClient(app, base_url=f"http://127.0.0.1:{PORT}", headers=HEADERS) as client:
         card = opened(client, "log.csv")
         model = estimated(client, card["id"])
@@ -830,7 +831,7 @@ def test_a_folder_that_vanishes_is_no_fault(tmp_path):
     folder.mkdir()
     (folder / "one.csv").write_text(flight())
     bench = Bench(Session(tmp_path / "s.sqlite"), folder)
-    app = create(bench, Settings(TOKEN, PORT))
+    app = create(bench, Guard(TOKEN, PORT))
     with Typed(app, base_url=f"http://127.0.0.1:{PORT}", headers=HEADERS) as client:
         record = opened(client, "one.csv")["id"]
         folder.rename(tmp_path / "elsewhere")

@@ -260,7 +260,7 @@ def test_the_child_ends_with_the_reading(sample) -> None:
     with isolation.IsolatedFile(
         sample.path, f"tridentify.record.formats.{known.module}", known.name
     ) as source:
-        process, folder = source._process, Path(source._folder.name)
+        process, folder = source._process, Path(source._process.folder.name)
         assert process.poll() is None
         assert folder.is_dir()
     assert process.poll() is not None

@@ -12,7 +12,8 @@ from fastapi.testclient import TestClient
 
 from tridentify import Record, TransferFunction, simulate
 from tridentify.app.bench import Bench
-from tridentify.app.server import Settings, create
+from tridentify.app.safety import Guard
+from tridentify.app.server import create
 from tridentify.app.session import Session
 
 PORT, TOKEN = 8765, "token-of-the-tests-of-formats-0123456789"
@@ -32,7 +33,7 @@ def signals():
 def ask(tmp_path_factory):
     # not started ahead: a process comes with the first task for it, and the spare one never
     bench = Bench(Session(tmp_path_factory.mktemp("session") / "s.sqlite"), None)
-    app = create(bench, Settings(TOKEN, PORT))
+    app = create(bench, Guard(TOKEN, PORT))
     headers = {"Authorization": f"Bearer {TOKEN}"}
     with TestClient(app, base_url=f"http://127.0.0.1:{PORT}", headers=headers) as client:
         yield client

@@ -17,6 +17,7 @@ import fleets
 from tridentify import Structure, fleet
 from tridentify.errors import OptionError, OutputPathError, UnreadableFileError
 from tridentify.fleet.store import Store
+from tridentify.writing.lock import alone_in
 
 pytestmark = pytest.mark.unjudged
 
@@ -112,7 +113,7 @@ def stored(undisturbed: pl.DataFrame, folder: Path, tmp_path: Path) -> Path:
     out = tmp_path / "out"
     store = Store(out)
     # the settings of `fleets.fit_files`
-    with store.alone():
+    with alone_in(out):
         fleets_run = fleet.fit(
             {}, (2, 0), out=tmp_path / "other", judge=False, progress=False, **fleets.READING
         )
@@ -173,7 +174,7 @@ def test_other_settings_are_refused_and_named(stored: Path, folder: Path) -> Non
 
 def test_two_runs_in_one_folder(stored: Path, folder: Path) -> None:
     with (
-        Store(stored).alone(),
+        alone_in(stored),
         pytest.raises(OutputPathError, match="found another run at work in"),
     ):
         fleets.fit_files(str(folder), str(stored), "1", progress=False)

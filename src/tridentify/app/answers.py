@@ -19,7 +19,13 @@ from tridentify.judgement.validation import validate
 from tridentify.options import known_parameters, method_of
 from tridentify.physical import MODELS, estimate_physical
 from tridentify.record.record import Record
-from tridentify.report.first_screen import NUMBERS, headline_of, trust_of
+from tridentify.report.first_screen import (
+    NUMBERS,
+    as_sentence,
+    headline_of,
+    in_order,
+    trust_of,
+)
 from tridentify.uncertainty import derived
 
 LEVEL = 0.95
@@ -105,14 +111,8 @@ def _row(one: Any) -> dict[str, Any]:
 
 def _key_numbers(estimate: Estimate) -> list[Any]:
     """Delays, the slowest mode and the gain as far as they are determined, then coefficients."""
-    coefficients = list(estimate.parameters.values())
-    quantities = list(derived(estimate))
-    delays = [one for one in coefficients if one.name.startswith("delay")]
-    gains = [one for one in quantities if one.name.startswith("dc gain")]
-    modes = [one for one in quantities if not one.name.startswith(("dc gain", "real pole"))][:2]
-    first = [*delays[:1], *modes, *gains[:1]]
+    first, others = in_order(estimate)
     told = [one for one in first if _is_result(one)]
-    others = [one for one in coefficients if one not in delays]
     return [*told, *sorted(others, key=lambda one: not _is_result(one))][:NUMBERS]
 
 
@@ -166,7 +166,7 @@ def _physical(
     rows += list(found.combinations)
     taken = [f"{ours} is {theirs}" for ours, theirs in channels.items() if ours != theirs]
     said = [f"channels by their names: {', '.join(taken)}"] if taken else []
-    notes = [_as_sentence(one) for one in [*_few(found.notes), *said]]
+    notes = [as_sentence(one) for one in [*_few(found.notes), *said]]
     return [_physical_row(one) for one in rows], "", notes
 
 
@@ -179,10 +179,6 @@ def _few(notes: Sequence[str]) -> list[str]:
     more = f", and {rest} other sets" if rest > 1 else ", and another set" if rest else ""
     told = f"{others[0].rstrip('.')}{more}; state what is known beforehand under Known parameters"
     return [told, *(one for one in notes if one not in others)]
-
-
-def _as_sentence(note: str) -> str:
-    return f"{note[:1].upper()}{note[1:].rstrip('.')}."
 
 
 def _physical_row(one: Parameter) -> dict[str, Any]:

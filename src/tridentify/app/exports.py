@@ -12,7 +12,7 @@ from types import MappingProxyType
 import numpy as np
 
 from tridentify.app.plain import saved_as
-from tridentify.errors import OptionError, shown
+from tridentify.errors import OptionError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.export import to_bytes
 from tridentify.record.checks.times import typical_step
@@ -49,9 +49,7 @@ def exported(estimate: Estimate, records: Records, kind: str, name: str) -> tupl
         There is no such kind.
     """
     if kind not in KINDS:
-        raise OptionError(
-            f"found the file {shown(kind)}; expected one of {', '.join(KINDS)}; choose one"
-        )
+        raise OptionError.found("the file ", kind, f"one of {', '.join(KINDS)}", "choose one")
     ending, media, content = KINDS[kind]
     file = saved_as(name, ending)
     return file, media, content(estimate, records, file.removesuffix(ending))

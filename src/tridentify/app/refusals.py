@@ -59,9 +59,7 @@ def known(record: Card, names: Sequence[str]) -> None:
     there = [one["name"] for one in record["channels"]]
     for name in names:
         if name not in there:
-            raise OptionError(
-                f"found no channel {shown(name)}; expected one of {', '.join(there)}; choose one"
-            )
+            raise OptionError.found("no channel ", name, f"one of {', '.join(there)}", "choose one")
 
 
 def check(record: Card) -> None:

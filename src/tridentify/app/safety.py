@@ -63,7 +63,7 @@ class Guard:
         Bytes.
     """
 
-    def __init__(self, token: str, port: int, most_uploaded: int) -> None:
+    def __init__(self, token: str, port: int, most_uploaded: int = 512_000_000) -> None:
         self.token = token
         self.hosts = {f"{name}:{port}" for name in NAMES}
         self.origins = {f"http://{host}" for host in self.hosts}

@@ -9,7 +9,6 @@ import asyncio
 import json
 import sqlite3
 from collections.abc import AsyncIterator, Awaitable, Callable
-from dataclasses import dataclass
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -113,30 +112,14 @@ LONGEST_WAIT = 5.0
 """Seconds that a question about an estimate may wait for its end."""
 
 
-@dataclass(frozen=True)
-class Settings:
-    """Of one server.
-
-    Attributes
-    ----------
-    token : str
-    port : int
-    most_uploaded : int
-        Bytes.
-    """
-
-    token: str
-    port: int
-    most_uploaded: int = 512_000_000
-
-
-def create(bench: Bench, settings: Settings) -> FastAPI:
+def create(bench: Bench, guard: Guard) -> FastAPI:
     """The application: page, interface, and who may ask for them.
 
     Parameters
     ----------
     bench : Bench
-    settings : Settings
+    guard : Guard
+        Of all that is asked.
 
     Returns
     -------
@@ -144,7 +127,7 @@ def create(bench: Bench, settings: Settings) -> FastAPI:
     """
     app = FastAPI(title="tridentify workbench", docs_url=None, redoc_url=None, openapi_url=None)
     app.middleware("http")(_noted(bench))
-    app.middleware("http")(Guard(settings.token, settings.port, settings.most_uploaded))
+    app.middleware("http")(guard)
     app.include_router(page())
     app.include_router(session(bench), prefix="/api")
     app.include_router(records(bench), prefix="/api")
@@ -331,7 +314,7 @@ def views(bench: Bench) -> APIRouter:
     def series(
         name: str, channels: str = "", start: float = 0.0, end: float | None = None,
         pixels: int = 1000,
-    ) -> dict[str, Any]:  # fmt: skip
+    ) -> Any:  # fmt: skip
         record = bench.record(name)
         asked = _names(channels, [one["name"] for one in record["channels"]])
         arguments = {
@@ -341,29 +324,23 @@ def views(bench: Bench) -> APIRouter:
             "pixels": min(max(pixels, 1), MOST_PIXELS),
             "t0": record["t0"],
         }
-        found: dict[str, Any] = bench.read("series", name, **arguments)
-        return found
+        return bench.read("series", name, **arguments)
 
     @router.get("/records/{name}/stretches")
     def stretches(
         name: str, channel: str, low: float | None = None, high: float | None = None
-    ) -> list[dict[str, Any]]:
+    ) -> Any:
         record = bench.record(name)
         known(record, [channel])
-        found: list[dict[str, Any]] = bench.read(
-            "stretches", name, channel=channel, low=low, high=high, t0=record["t0"]
-        )
-        return found
+        return bench.read("stretches", name, channel=channel, low=low, high=high, t0=record["t0"])
 
     @router.get("/records/{name}/manoeuvres")
-    def manoeuvres(name: str) -> list[dict[str, Any]]:
-        found: list[dict[str, Any]] = bench.read("manoeuvres", name, card=bench.record(name))
-        return found
+    def manoeuvres(name: str) -> Any:
+        return bench.read("manoeuvres", name, card=bench.record(name))
 
     @router.get("/records/{name}/advice")
-    def advice(name: str) -> dict[str, Any]:
-        found: dict[str, Any] = bench.read("advice", name, card=bench.record(name))
-        return found
+    def advice(name: str) -> Any:
+        return bench.read("advice", name, card=bench.record(name))
 
     return router
 

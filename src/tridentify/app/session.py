@@ -196,11 +196,8 @@ class Session:
 
     def _has(self, position: int) -> bool:
         if position == 0:
-            return self._lowest() <= 1
+            return int(self._one("select min(position) from snapshots")[0] or 1) <= 1
         return self._one("select 1 from snapshots where position = ?", position) is not None
-
-    def _lowest(self) -> int:
-        return int(self._one("select min(position) from snapshots")[0] or 1)
 
     def _read(self, position: int) -> State:
         if position <= 0:

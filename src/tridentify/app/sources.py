@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from tridentify.errors import EmptyChannelError, EmptyRangeError, UnreadableFileError, shown
+from tridentify.errors import EmptyChannelError, EmptyRangeError, UnreadableFileError
 from tridentify.record.formats.read import read_record
 from tridentify.record.formats.series import Series, read_series
 from tridentify.record.record import Record
@@ -52,9 +52,8 @@ def stamp(source: Mapping[str, Any]) -> tuple[object, ...]:
     try:
         seen = path.stat()
     except OSError:
-        raise UnreadableFileError(
-            f"found no file {shown(path.name)}; expected it where it was opened; put it back or "
-            "open it again"
+        raise UnreadableFileError.found(
+            "no file ", path.name, "it where it was opened", "put it back or open it again"
         ) from None
     return ("file", str(path), seen.st_mtime_ns, seen.st_size, source.get("dt"))
 

@@ -88,7 +88,8 @@ def start(
     import uvicorn
 
     from tridentify.app.bench import Bench
-    from tridentify.app.server import Settings, create
+    from tridentify.app.safety import Guard
+    from tridentify.app.server import create
     from tridentify.app.session import Session
 
     folder, named = _folder_and_files(files)
@@ -99,7 +100,7 @@ def start(
         number = int(place.getsockname()[1])
         server = uvicorn.Server(
             uvicorn.Config(
-                create(bench, Settings(secret, number, most_uploaded)),
+                create(bench, Guard(secret, number, most_uploaded)),
                 log_level="critical",
                 timeout_graceful_shutdown=GRACE,
             )

@@ -16,6 +16,7 @@ from tridentify.cli import terminal
 from tridentify.cli.codes import BAD_INPUT, DONE, FAULT, INTERRUPTED, NO_ANSWER
 from tridentify.cli.spread_groups import with_groups
 from tridentify.errors import ConvergenceError, IdentifiabilityError, TridentifyError
+from tridentify.writing.interruption import on_signals
 from tridentify.writing.views import unseen
 
 EXIT_CODES = (
@@ -126,7 +127,7 @@ def run(arguments: Sequence[str]) -> int:
     debug = "--debug" in options
     if debug:
         given.remove("--debug")
-    termination = terminal.on_signals(("SIGTERM", "SIGHUP"), _interrupt, _kills)
+    termination = on_signals(("SIGTERM", "SIGHUP"), _interrupt, _kills)
     with terminal.patient_streams(), termination, unseen():
         try:
             terminal.check_output()

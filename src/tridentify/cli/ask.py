@@ -146,9 +146,8 @@ def _orders(option: str, given: Sequence[str]) -> list[list[int]]:
     rows = []
     for text in given:
         if not re.fullmatch(r"\s*\d{1,4}\s*(,\s*\d{1,4}\s*)*", text):
-            raise OrderError(
-                f"found {option} {shown(text)}; expected a whole number such as 1, or one for each "
-                "input such as 1,0; correct it"
+            raise OrderError.found(
+                f"{option} ", text, "a whole number such as 1, or one for each input such as 1,0"
             )
         rows.append([int(number) for number in text.split(",")])
     return rows
@@ -198,9 +197,7 @@ def chosen_method(name: str, **options: str) -> Method:
 
     known = {**METHODS, **METHODS_IN_LOOP}
     if name not in known:
-        raise OptionError(
-            f"found --method {shown(name)}; expected one of {', '.join(known)}; choose one"
-        )
+        raise OptionError.found("--method ", name, f"one of {', '.join(known)}", "choose one")
     asked = {option: value for option, value in options.items() if value != BY_ITSELF[option]}
     for option, value in asked.items():
         if not _offers(known[name], option):

@@ -195,9 +195,8 @@ def _noise(given: Sequence[str], plant: Estimate | TransferFunction) -> list[flo
         name, sign, number = text.rpartition("=")
         label = name.strip() if sign else names[place] if place < len(names) else ""
         if not re.fullmatch(NUMBER, number.strip()) or label not in names or label in found:
-            raise OptionError(
-                f"found --noise {shown(text)}; expected a number, or NAME=NUMBER for each of "
-                f"{', '.join(names)}; correct it"
+            raise OptionError.found(
+                "--noise ", text, f"a number, or NAME=NUMBER for each of {', '.join(names)}"
             )
         found[label] = float(number)
     if not given:
@@ -247,9 +246,8 @@ def _band(text: str | None) -> tuple[float, float] | None:
     try:
         low, high = (float(part) for part in text.split(","))
     except ValueError as error:
-        raise OptionError(
-            f"found --band {shown(text)}; expected two frequencies in rad/s; write for example "
-            "--band 0.5,20"
+        raise OptionError.found(
+            "--band ", text, "two frequencies in rad/s", "write for example --band 0.5,20"
         ) from error
     return low, high
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -11,6 +11,7 @@ import typer
 from tridentify.cli.stored_models import model_file
 from tridentify.cli.terminal import show, show_json
 from tridentify.errors import OptionError, shown
+from tridentify.writing.files import write_atomically
 
 
 def export(
@@ -47,12 +48,11 @@ def export(
     as_json
         Print one JSON object instead of text.
     """
-    from tridentify.export import read_json
+    from tridentify.export import read_json, to_bytes
 
     model = model_file(model, "tridentify export result/model.json short_period.h", [file])
-    writers = _writers()
     suffix = file.suffix.lower()
-    if suffix != ".h" and suffix not in writers:
+    if suffix not in (".mat", ".m", ".h", ".py", ".csv", ".json"):
         raise OptionError(
             f"found the file name {shown(file.name)}; expected one that ends in .mat, .m, .h, .py, "
             ".csv or .json; rename it"
@@ -62,35 +62,11 @@ def export(
         _write_filter(model, file, given)
     else:
         _check_idle(file, given)
-        writers[suffix](read_json(model), file)
+        write_atomically(file, to_bytes(read_json(model), suffix))
     if as_json:
         show_json({"files": [str(file)]})
     else:
         show(f"wrote {file}")
-
-
-def _writers() -> Mapping[str, Callable[[Any, Path], Path]]:
-    from tridentify import export
-
-    return {
-        ".mat": export.write_matlab,
-        ".m": export.write_matlab,
-        ".py": export.write_control_script,
-        ".csv": _write_table,
-        ".json": export.write_json,
-    }
-
-
-def _write_table(model: Any, file: Path) -> Path:
-    from tridentify.estimation.answer.estimate import Estimate
-    from tridentify.export import write_table
-
-    if not isinstance(model, Estimate):
-        raise OptionError(
-            f"found a model without standard errors for {shown(file.name)}; expected an estimate, "
-            "as identify --out writes it; write .json instead"
-        )
-    return write_table(model, file)
 
 
 def _check_idle(file: Path, given: Mapping[str, object]) -> None:

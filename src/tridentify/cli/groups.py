@@ -13,14 +13,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from tridentify.cli import options
-from tridentify.cli.ask import (
-    chooses_orders,
-    chosen_method,
-    nested_delays,
-    nested_poles,
-    nested_zeros,
-)
+from tridentify.cli import ask, options
 from tridentify.cli.knowledge import known_from
 from tridentify.cli.load import RecordSource, asked_channels, rules_from, units_from
 from tridentify.cli.stretches import stretches_from
@@ -195,7 +188,7 @@ class Late:
 
     def template(self, along: Along, n_outputs: int, n_inputs: int) -> Structure:
         """A structure of any orders."""
-        delay = nested_delays(self.delay or (), n_outputs, n_inputs)
+        delay = ask.nested_delays(self.delay or (), n_outputs, n_inputs)
         return Structure(1, 0, delay=delay, **along.terms())
 
 
@@ -265,7 +258,7 @@ class Way:
     def chosen(self, loss: str = "squared") -> Method:
         """The method with its options."""
         stated = {one.name: getattr(self, one.name) for one in fields(self)}
-        return chosen_method(stated.pop("method"), **stated, loss=loss)
+        return ask.chosen_method(stated.pop("method"), **stated, loss=loss)
 
 
 @dataclass(frozen=True)
@@ -305,11 +298,11 @@ def asked_structure(
     """
     poles, zeros = orders.poles or (), orders.zeros or ()
     template = late.template(along, n_outputs, n_inputs)
-    if chooses_orders(poles, zeros, known.something):
+    if ask.chooses_orders(poles, zeros, known.something):
         return AutoStructure(template=template)
     return replace(
         template,
-        poles=nested_poles(poles, n_outputs, n_inputs),
-        zeros=nested_zeros(zeros, n_outputs, n_inputs),
+        poles=ask.nested_poles(poles, n_outputs, n_inputs),
+        zeros=ask.nested_zeros(zeros, n_outputs, n_inputs),
         **known.read(),
     )

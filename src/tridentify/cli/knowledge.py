@@ -63,15 +63,12 @@ def _by_name(
     for text in given:
         match = re.fullmatch(_NAME + value + r"\s*", text)
         if match is None:
-            raise OptionError(
-                f"found {option} {shown(text)}; expected a coefficient and its value such as "
-                f"{example}; correct it"
+            raise OptionError.found(
+                f"{option} ", text, f"a coefficient and its value such as {example}"
             )
         name, *parts = match.groups()
         if name in found:
-            raise OptionError(
-                f"found {option} twice for {shown(name)}; expected it once; drop one of the two"
-            )
+            raise OptionError.found(f"{option} twice for ", name, "it once", "drop one of the two")
         found[name] = tuple(parts)
     return found
 

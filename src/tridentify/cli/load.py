@@ -26,13 +26,7 @@ from tridentify.errors import (
 from tridentify.numerics.arrays import Array
 from tridentify.options import NUMBER
 from tridentify.record.checks.names import did_you_mean
-from tridentify.record.formats.assemble import (
-    JITTER,
-    Wanted,
-    find_channel,
-    record_from,
-    time_channels,
-)
+from tridentify.record.formats import assemble
 from tridentify.record.formats.channels import SECONDS, OpenFile
 from tridentify.record.formats.read import opened
 from tridentify.record.formats.rounded_time import raster_behind
@@ -66,7 +60,7 @@ class RecordSource:
     """
 
     files: Sequence[Path]
-    wanted: Wanted
+    wanted: assemble.Wanted
     missing: tuple[MissingRule, ...] = ()
     masked: tuple[Stretch, ...] = ()
     ranges: tuple[Stretch, ...] = ()
@@ -153,9 +147,8 @@ def units_from(given: Sequence[str]) -> dict[str, str]:
     for text in given:
         name, sign, unit = (part.strip() for part in text.rpartition("="))
         if not (name and sign and unit) or name in found:
-            raise OptionError(
-                f"found --unit {shown(text)}; expected a column and its unit such as q=rad/s, once "
-                "for each column; correct it"
+            raise OptionError.found(
+                "--unit ", text, "a column and its unit such as q=rad/s, once for each column"
             )
         found[name] = unit
     return found
@@ -302,7 +295,7 @@ def check_rules(rules: Sequence[MissingRule], outputs: Sequence[str]) -> None:
 
 def _read(table: OpenFile, source: RecordSource, time: str | None, file: Path) -> Record:
     wanted = replace(source.wanted, time=time)
-    clocks = {find_channel(table, name).clock for name in source.columns}
+    clocks = {assemble.find_channel(table, name).clock for name in source.columns}
     if len(clocks) > 1 and "band-limited" in (wanted.intersample, wanted.reference_intersample):
         raise OptionError(
             f"found --intersample band-limited and channels of {len(clocks)} clocks in "
@@ -310,7 +303,7 @@ def _read(table: OpenFile, source: RecordSource, time: str | None, file: Path) -
             "evaluated between their samples; choose zoh or foh"
         )
     try:
-        return record_from(table, wanted, printable(file.stem))
+        return assemble.record_from(table, wanted, printable(file.stem))
     except NonUniformTimeError as error:
         if wanted.dt is None:
             raise
@@ -323,7 +316,7 @@ def _read(table: OpenFile, source: RecordSource, time: str | None, file: Path) -
 
 def _stamps(table: OpenFile, time: str) -> Array:
     """The column of time as it was written."""
-    channel = find_channel(table, time)
+    channel = assemble.find_channel(table, time)
     return np.asarray(table.read([table.channels.index(channel)])[0])
 
 
@@ -340,7 +333,7 @@ def _uneven(record: Record, time: str | None) -> str:
 
 def _compare_unused_time(table: OpenFile, dt: float, activity: Activity) -> None:
     """Caution if a column of time that is not used tells of another step."""
-    found = time_channels(table)
+    found = assemble.time_channels(table)
     if len(found) != 1:
         return
     scale = SECONDS.get(found[0].unit)
@@ -352,7 +345,7 @@ def _compare_unused_time(table: OpenFile, dt: float, activity: Activity) -> None
     mean /= max(len(values) - 1, 1)
     if found[0].dated and not mean:
         return  # the day alone
-    if abs(mean - dt) > JITTER * dt:
+    if abs(mean - dt) > assemble.JITTER * dt:
         activity.note(
             f"caution: column {shown(found[0].header)} is not used; its mean step is {mean:.6g} s, "
             f"not {dt:.6g} s"
@@ -361,7 +354,7 @@ def _compare_unused_time(table: OpenFile, dt: float, activity: Activity) -> None
 
 def _with_steps(table: OpenFile, wanted: Sequence[str], step: float) -> str | None:
     """Name the one column beside those wanted that counts such steps [s], None without one."""
-    taken = [find_channel(table, name) for name in wanted]
+    taken = [assemble.find_channel(table, name) for name in wanted]
     found = []
     for index, channel in enumerate(table.channels):
         scale = SECONDS.get(channel.unit)
@@ -371,7 +364,7 @@ def _with_steps(table: OpenFile, wanted: Sequence[str], step: float) -> str | No
             steps = scale * np.diff(table.read([index])[0])
         except DataError:
             continue
-        if steps.size and steps.min() > 0 and abs(steps.mean() - step) <= JITTER * step:
+        if steps.size and steps.min() > 0 and abs(steps.mean() - step) <= assemble.JITTER * step:
             found.append(channel.header)
     return found[0] if len(found) == 1 else None
 
@@ -395,12 +388,12 @@ def find_time(table: OpenFile, wanted: Sequence[str]) -> str | None:
     SamplingError
         There is none, or more than one.
     """
-    if all(find_channel(table, name).clock for name in wanted):
+    if all(assemble.find_channel(table, name).clock for name in wanted):
         return None
     names = [channel.header for channel in table.channels if channel.header]
-    found = [channel.header for channel in time_channels(table)]
+    found = [channel.header for channel in assemble.time_channels(table)]
     if len(found) > 1:
-        asked = [find_channel(table, name).header for name in wanted]
+        asked = [assemble.find_channel(table, name).header for name in wanted]
         found = [name for name in found if name not in asked]
     if len(found) != 1:
         what = f"the columns {' and '.join(found)}" if found else "no column called t or time"

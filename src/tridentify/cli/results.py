@@ -8,7 +8,6 @@ import os
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
-from types import TracebackType
 
 from tridentify.cli import publishing
 from tridentify.errors import OutputPathError
@@ -77,12 +76,7 @@ class ResultFolder:
         except OSError as error:
             raise self._refusal(error) from error
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
         draft = self.draft
         with held_back():
             self._discard()

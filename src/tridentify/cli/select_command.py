@@ -19,7 +19,7 @@ from tridentify.cli.run import load_compiled
 from tridentify.cli.tables import describe_records, make_table
 from tridentify.cli.terminal import Activity, paragraph
 from tridentify.cli.work import at_work
-from tridentify.errors import IdentifiabilityError, OrderError, shown
+from tridentify.errors import IdentifiabilityError, OrderError
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 
@@ -145,9 +145,7 @@ def _range(option: str, text: str) -> tuple[int, int]:
     match = re.fullmatch(r"\s*(\d{1,3})\s*(?::\s*(\d{1,3})\s*)?", text)
     if match is None:
         also = ", one number or all" if option == "--zeros" else " or one number"
-        raise OrderError(
-            f"found {option} {shown(text)}; expected a range such as 1:4{also}; correct it"
-        )
+        raise OrderError.found(f"{option} ", text, f"a range such as 1:4{also}")
     low = int(match[1])
     return low, low if match[2] is None else int(match[2])
 

@@ -29,7 +29,7 @@ from tridentify.cli.stream_checkpoint import (
 from tridentify.cli.stream_question import StreamQuestion, check_every
 from tridentify.cli.stream_session import Session
 from tridentify.cli.stream_show import LiveView
-from tridentify.cli.terminal import Activity, on_signals, say, show_json_line
+from tridentify.cli.terminal import Activity, say, show_json_line
 from tridentify.errors import (
     OptionError,
     OutputPathError,
@@ -40,6 +40,7 @@ from tridentify.record.formats.streams.datagrams import UdpSource, loopback_addr
 from tridentify.record.formats.streams.header import Asked, split_columns
 from tridentify.record.formats.streams.lines import LineCutter
 from tridentify.record.formats.streams.sources import ByteSource, PipeSource, source_of_file
+from tridentify.writing.interruption import SIGNALS, on_signals
 
 
 def stream(
@@ -170,15 +171,10 @@ def _source(text: str, follow: bool) -> ByteSource:
         say(f"listening at {source.name}")
         return source
     if "://" in text and not path.exists():
-        raise OptionError(
-            f"found the source {shown(text)}; expected -, a file, or udp://127.0.0.1:PORT; correct "
-            "it"
-        )
+        raise OptionError.found("the source ", text, "-, a file, or udp://127.0.0.1:PORT")
     opened = source_of_file(path, follow, say)
     if follow and isinstance(opened, PipeSource):
-        raise OptionError(
-            f"found --follow with the pipe {shown(text)}; expected a file; leave --follow out"
-        )
+        raise OptionError.found("--follow with the pipe ", text, "a file", "leave --follow out")
     return opened
 
 
@@ -281,7 +277,7 @@ class _StreamRun:
         NotReadyError
             The samples did not determine the coefficients.
         """
-        stack.enter_context(on_signals(("SIGINT", "SIGTERM", "SIGHUP"), self.stop.ask, _counts))
+        stack.enter_context(on_signals(SIGNALS, self.stop.ask, _counts))
         self.view = stack.enter_context(LiveView(live, self.source.name))
         session = self.session
         self.view.begin(session.state.n_samples if session.state else 0)

@@ -111,9 +111,7 @@ def chosen_estimator(name: str, given: Mapping[str, Any]) -> Estimator:
     from tridentify.online import ESTIMATORS
 
     if name not in ESTIMATORS:
-        raise OptionError(
-            f"found --method {shown(name)}; expected one of {', '.join(ESTIMATORS)}; choose one"
-        )
+        raise OptionError.found("--method ", name, f"one of {', '.join(ESTIMATORS)}", "choose one")
     options = {key: value for key, value in given.items() if value is not None}
     fields = {key: _fields(kind) for key, kind in ESTIMATORS.items()}
     for option in options:
@@ -177,8 +175,7 @@ def filter_from(given: str | None) -> tuple[float, ...] | None:
         return None
     cells = [cell.strip() for cell in given.split(",")]
     if not all(re.fullmatch(NUMBER, cell) for cell in cells):
-        raise OptionError(
-            f"found --filter {shown(given)}; expected coefficients such as 1,5,6, the highest "
-            "power first; correct it"
+        raise OptionError.found(
+            "--filter ", given, "coefficients such as 1,5,6, the highest power first"
         )
     return tuple(float(cell) for cell in cells)

@@ -8,18 +8,16 @@ import os
 import re
 import shlex
 import shutil
-import signal
 import sys
 import textwrap
 import threading
 import time
 import traceback
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, redirect_stderr
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType, TracebackType
 from typing import Any, TextIO, cast
 
 from rich.console import Console
@@ -349,12 +347,7 @@ class Activity:
             self._bar.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._bar is not None:
             self._bar.stop()
 
@@ -453,38 +446,6 @@ def patient_streams() -> Iterator[None]:
         warnings.simplefilter("always", DataWarning)
         warnings.showwarning = lambda message, *_args, **_options: say(f"warning: {message}")
         yield
-
-
-@contextmanager
-def on_signals(
-    names: Sequence[str],
-    answer: Callable[[int, FrameType | None], None],
-    takes: Callable[[Any], bool],
-) -> Iterator[None]:
-    """Answer signals while this lasts, in the main thread, which alone is sent any.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Those that the system does not know are left out.
-    answer : callable
-        Told of a signal.
-    takes : callable
-        Whether one that was handled so before is to be answered.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
-    before = {number: signal.getsignal(number) for number in numbers}
-    handled = [number for number in numbers if takes(before[number])]
-    for number in handled:
-        signal.signal(number, answer)
-    try:
-        yield
-    finally:
-        for number in handled:
-            signal.signal(number, before[number])
 
 
 def listed(names: Sequence[str]) -> str:

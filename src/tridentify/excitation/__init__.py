@@ -8,14 +8,13 @@
 from __future__ import annotations
 
 from tridentify.excitation.chirp import chirp
-from tridentify.excitation.doublet import doublet
 from tridentify.excitation.multisine import multisine
 from tridentify.excitation.optimal import Spectrum, optimal_spectrum
 from tridentify.excitation.prbs import prbs
 from tridentify.excitation.precise import precision
 from tridentify.excitation.precision_result import Precision
+from tridentify.excitation.pulses import doublet, three_two_one_one
 from tridentify.excitation.signal import Excitation
-from tridentify.excitation.three_two_one_one import three_two_one_one
 
 __all__ = [
     "Excitation",

@@ -34,9 +34,7 @@ def positive(label: str, value: object) -> float:
         number = float(value)
         if math.isfinite(number) and number > 0:
             return number
-    raise OptionError(
-        f"found {label}={shown(value)}; expected a positive finite number; correct {label}"
-    )
+    raise OptionError.found(f"{label}=", value, "a positive finite number", f"correct {label}")
 
 
 def not_negative(label: str, value: object) -> float:
@@ -59,9 +57,8 @@ def count(label: str, value: object, least: int = 1, most: int = MOST_SAMPLES) -
     """
     whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
     if not whole or not least <= int(value) <= most:  # type: ignore[call-overload]
-        raise OptionError(
-            f"found {label}={shown(value)}; expected a whole number from {least} to {most}; "
-            f"correct {label}"
+        raise OptionError.found(
+            f"{label}=", value, f"a whole number from {least} to {most}", f"correct {label}"
         )
     return int(value)  # type: ignore[call-overload, no-any-return]
 
@@ -170,7 +167,5 @@ def vector(label: str, value: ArrayLike, *, least: float | None = None) -> Array
     sound = found.ndim == 1 and found.size and bool(np.all(np.isfinite(found)))
     if not sound or (least is not None and np.any(found < least)):
         what = "finite numbers" if least is None else f"finite numbers from {least:g} on"
-        raise OptionError(
-            f"found {label}={shown(value)}; expected {what} in one dimension; correct {label}"
-        )
+        raise OptionError.found(f"{label}=", value, f"{what} in one dimension", f"correct {label}")
     return found

@@ -79,9 +79,7 @@ def chirp(
             "from a frequency above zero; choose one"
         )
     if not isinstance(taper, (int, float)) or not 0.0 <= taper <= 1.0:
-        raise OptionError(
-            f"found taper={shown(taper)}; expected a share of the duration from 0 to 1; correct it"
-        )
+        raise OptionError.found("taper=", taper, "a share of the duration from 0 to 1")
     t, span = np.arange(n) * dt, n * dt
     if sweep == "linear":
         phase = low * t + 0.5 * (high - low) * t**2 / span

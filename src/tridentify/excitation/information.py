@@ -28,9 +28,11 @@ from tridentify.estimation.knowledge.solve import problem_for
 from tridentify.estimation.likelihood.cost import evaluate
 from tridentify.estimation.likelihood.curvature import SINGULAR, physical_transform
 from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidates
+from tridentify.estimation.likelihood.problem import Problem
 from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.least_squares import triangle
+from tridentify.physical.model import model_of
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
@@ -152,13 +154,7 @@ def structure_of(model: TransferFunction) -> Structure:
 
 def model_from(theta: Array, structure: Structure, like: TransferFunction) -> TransferFunction:
     """The model of a parameter vector, with the names of channels of another."""
-    num, den = structure.split(theta, like.n_outputs, like.n_inputs)
-    delay = np.array(structure.delay_matrix(like.n_outputs, like.n_inputs))
-    if structure.delay == "free":
-        delay = np.tile(theta[-like.n_inputs :], (like.n_outputs, 1))
-    return TransferFunction(
-        num, den, delay=delay, input_names=like.input_names, output_names=like.output_names
-    )
+    return model_of(structure, theta, like.input_names, like.output_names)
 
 
 def fullest(records: Sequence[Record], structure: Structure) -> tuple[Nuisances, bool]:
@@ -207,25 +203,22 @@ def information(
     if structure.shared and structure.delay != "free":
         known = known_of(structure, like.input_names, like.output_names, _sizes(theta))
         _refuse_unstable(model, known.integrators)
-        return _of_place(theta, model, records, structure, nuisances, noise_std, known, colour)
+        plans = [_flown(model, record, nuisances) for record in records]
+        problem = problem_for(plans, structure, nuisances, known).whitened(colour)
+        return _of_place(theta, problem, known, noise_std)
     if structure.constrained:
         known_of(structure, like.input_names, like.output_names)  # says why it is refused
     _refuse_unstable(model, 0)
-    return _of_point(theta, model, records, structure, nuisances, noise_std, colour)
-
-
-def _of_place(
-    theta: Array,
-    model: TransferFunction,
-    records: Sequence[Record],
-    structure: Structure,
-    nuisances: Nuisances,
-    noise_std: Array,
-    known: Knowledge,
-    colour: tuple[Array, ...],
-) -> Information:
     plans = [_flown(model, record, nuisances) for record in records]
-    problem = problem_for(plans, structure, nuisances, known).whitened(colour)
+    free = structure.delay == "free"
+    held = replace(structure, delay=model.delay.tolist()) if free else structure
+    problem = build(plans, held, nuisances).whitened(colour)
+    if free:
+        problem = problem.freed(np.full(model.n_inputs, np.inf))
+    return _of_point(theta, problem, model, noise_std)
+
+
+def _of_place(theta: Array, problem: Problem, known: Knowledge, noise_std: Array) -> Information:
     here = place(problem, theta[: problem.n_poles - known.integrators], known.integrators)
     derivatives = fit(here, theta).columns
     rows = np.vstack([own / s for own, s in zip(derivatives, noise_std, strict=True)])
@@ -235,20 +228,8 @@ def _of_place(
 
 
 def _of_point(
-    theta: Array,
-    model: TransferFunction,
-    records: Sequence[Record],
-    structure: Structure,
-    nuisances: Nuisances,
-    noise_std: Array,
-    colour: tuple[Array, ...],
+    theta: Array, problem: Problem, model: TransferFunction, noise_std: Array
 ) -> Information:
-    plans = [_flown(model, record, nuisances) for record in records]
-    free = structure.delay == "free"
-    known = replace(structure, delay=model.delay.tolist()) if free else structure
-    problem = build(plans, known, nuisances).whitened(colour)
-    if free:
-        problem = problem.freed(np.full(model.n_inputs, np.inf))
     roots = [np.roots(model.den[g.channels[0][0]][g.channels[0][1]]) for g in problem.groups]
     point = evaluate(problem, problem.admissible(np.concatenate(roots).astype(complex))[0])
     columns, matrix, output = point.jacobian()

@@ -93,9 +93,8 @@ def multisine(
     weights = _weights(power, lines)
     sizes = vector("amplitude", amplitude)
     if sizes.size not in (1, len(lines)) or np.any(sizes <= 0):
-        raise OptionError(
-            f"found amplitude={shown(amplitude)}; expected a positive number, or one for each of "
-            f"{len(lines)} inputs; correct it"
+        raise OptionError.found(
+            "amplitude=", amplitude, f"a positive number, or one for each of {len(lines)} inputs"
         )
     fine = OVERSAMPLED * n if intersample == "band-limited" else n
     columns = []
@@ -153,9 +152,8 @@ def _lines(
         found.append(whole)
     together = np.concatenate(found)
     if np.unique(together).size != together.size:
-        raise OptionError(
-            f"found harmonics={shown(harmonics)}; expected every line once, in one input only; "
-            "drop what is repeated"
+        raise OptionError.found(
+            "harmonics=", harmonics, "every line once, in one input only", "drop what is repeated"
         )
     return found
 

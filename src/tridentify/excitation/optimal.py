@@ -158,9 +158,7 @@ class Spectrum:
             any line.
         """
         if shape not in ("multisine", "binary"):
-            raise OptionError(
-                f"found shape={shown(shape)}; expected 'multisine' or 'binary'; choose one"
-            )
+            raise OptionError.found("shape=", shape, "'multisine' or 'binary'", "choose one")
         duration, dt = self._sampling(duration, dt)
         n = samples_of("duration", duration, dt)
         harmonics, powers = self._harmonics(n, 2.0 * np.pi / (n * dt))
@@ -367,9 +365,8 @@ def optimal_spectrum(
     omega = candidates(like, band, lines)
     limits = vector("limit", limit)
     if limits.size not in (1, like.n_inputs) or np.any(limits <= 0):
-        raise OptionError(
-            f"found limit={shown(limit)}; expected a positive number, or one for each of "
-            f"{like.n_inputs} inputs; correct it"
+        raise OptionError.found(
+            "limit=", limit, f"a positive number, or one for each of {like.n_inputs} inputs"
         )
     limits = np.broadcast_to(limits, (like.n_inputs,)).astype(np.float64)
     if noise_std is None and not isinstance(model, Estimate) and like.n_outputs == 1:

@@ -137,10 +137,7 @@ def sequence(order: int, register: Sequence[int] | None = None) -> NDArray[np.in
     """
     given = [1] * order if register is None else list(register)
     if len(given) != order or any(bit not in (0, 1) for bit in given) or not any(given):
-        raise OptionError(
-            f"found register={shown(register)}; expected {order} bits of 0 and 1, not all zero; "
-            "correct it"
-        )
+        raise OptionError.found("register=", register, f"{order} bits of 0 and 1, not all zero")
     # what is newest stands first in the register, so the output begins with its last bit
     out = given[::-1]
     taps = TAPS[order]

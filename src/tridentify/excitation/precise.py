@@ -220,9 +220,8 @@ def noise_of(
     except (TypeError, ValueError):
         given = np.full(1, np.nan)
     if given.shape not in ((), (1,), (n_outputs,)) or not np.all((given > 0) & (given < np.inf)):
-        raise OptionError(
-            f"found noise_std={shown(noise_std)}; expected a positive number, or one for each of "
-            f"{n_outputs} outputs; correct it"
+        raise OptionError.found(
+            "noise_std=", noise_std, f"a positive number, or one for each of {n_outputs} outputs"
         )
     std = np.broadcast_to(given, (n_outputs,)).astype(np.float64)
     return std, (), std

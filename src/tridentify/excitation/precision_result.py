@@ -156,9 +156,8 @@ class Precision:
         found = {}
         for name, goal in dict(wanted).items():
             if name not in self.names:
-                raise ParameterNameError(
-                    f"found {shown(name)}; expected one of {', '.join(self.names)}; correct the "
-                    "name"
+                raise ParameterNameError.found(
+                    "", name, f"one of {', '.join(self.names)}", "correct the name"
                 )
             number = isinstance(goal, (int, float)) and math.isfinite(goal) and goal > 0
             if not number or self.theta[self.names.index(name)] == 0:

@@ -86,9 +86,8 @@ class Excitation:
                 "more; give one column per input"
             )
         if self.intersample not in ("zoh", "foh", "band-limited"):
-            raise OptionError(
-                f"found intersample={shown(self.intersample)}; expected 'zoh', 'foh' or "
-                "'band-limited'; choose one"
+            raise OptionError.found(
+                "intersample=", self.intersample, "'zoh', 'foh' or 'band-limited'", "choose one"
             )
         u.setflags(write=False)
         names = channel_names(self.input_names or None, u.shape[1], "u")
@@ -151,9 +150,8 @@ class Excitation:
         """
         given = np.asarray(factor, dtype=np.float64)
         if given.shape not in ((), (self.n_inputs,)) or not np.all(np.isfinite(given)):
-            raise OptionError(
-                f"found factor={shown(factor)}; expected a finite number, or one for each of "
-                f"{self.n_inputs} inputs; correct it"
+            raise OptionError.found(
+                "factor=", factor, f"a finite number, or one for each of {self.n_inputs} inputs"
             )
         return replace(self, u=self.u * given)
 

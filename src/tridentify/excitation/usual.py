@@ -8,11 +8,10 @@ import numpy as np
 
 from tridentify.errors import OptionError
 from tridentify.excitation.checks import samples_of
-from tridentify.excitation.doublet import doublet
 from tridentify.excitation.multisine import multisine
 from tridentify.excitation.prbs import prbs
+from tridentify.excitation.pulses import doublet, three_two_one_one
 from tridentify.excitation.signal import Excitation
-from tridentify.excitation.three_two_one_one import three_two_one_one
 from tridentify.numerics.arrays import Array
 from tridentify.transfer_function import TransferFunction
 

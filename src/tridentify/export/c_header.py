@@ -293,7 +293,5 @@ def identifier(name: str | None, path: Path) -> str:
         made = f"m_{made}" if made[0].isdigit() else made
         return f"{made}_" if made in KEYWORDS else made
     if not re.fullmatch(r"[A-Za-z]\w*", name, flags=re.ASCII) or name in KEYWORDS:
-        raise OptionError(
-            f"found name={shown(name)}; expected a C identifier; write for example 'short_period'"
-        )
+        raise OptionError.found("name=", name, "a C identifier", "write for example 'short_period'")
     return name

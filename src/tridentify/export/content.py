@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tridentify.errors import OptionError, shown
+from tridentify.errors import OptionError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.export.c_header import c_header, identifier
 from tridentify.export.control_script import control_script
@@ -73,6 +73,4 @@ def to_bytes(
                 ".json instead"
             )
         return table(model).encode()
-    raise OptionError(
-        f"found the ending {shown(ending)}; expected one of {', '.join(ENDINGS)}; choose one"
-    )
+    raise OptionError.found("the ending ", ending, f"one of {', '.join(ENDINGS)}", "choose one")

@@ -177,13 +177,10 @@ def _blocks(
 
 def _check(dt: float, method: str, prewarp: float | None) -> None:
     if not (isinstance(dt, (int, float)) and np.isfinite(dt) and dt > 0):
-        raise OptionError(
-            f"found dt={shown(dt)}; expected a positive sampling interval in seconds; correct dt"
-        )
+        raise OptionError.found("dt=", dt, "a positive sampling interval in seconds", "correct dt")
     if method not in ("zoh", "tustin"):
-        raise OptionError(
-            f"found method={shown(method)}; expected 'zoh' (exact for a held input) or 'tustin'; "
-            "choose one"
+        raise OptionError.found(
+            "method=", method, "'zoh' (exact for a held input) or 'tustin'", "choose one"
         )
     if prewarp is None:
         return

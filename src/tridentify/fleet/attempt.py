@@ -3,64 +3,66 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from tridentify.errors import ConvergenceError, IdentifiabilityError, TridentifyError
 from tridentify.estimation.answer.assemble import fingerprint
-from tridentify.fleet.job import BAD_INPUT, FAULT, NO_ANSWER, OVER_MEMORY, Item, Job
+from tridentify.fleet.job import BAD_INPUT, FAULT, NO_ANSWER, OVER_MEMORY, Item
+from tridentify.record.formats.assemble import Wanted
+from tridentify.record.record import Record
 
 
-@dataclass(frozen=True)
-class OnRecords:
-    """A job on records, as the process beside a worker does it.
+class RecordJob(ABC):
+    """What is done with the records of one unit, in a process that may crash.
 
     Attributes
     ----------
-    job : Job
+    wanted : Wanted
+        How files and frames are read.
     """
 
-    job: Job
+    wanted: Wanted
 
     def begin(self) -> None:
-        """Load and compile what is needed."""
-        self.job.begin()
+        """Load the compiled functions; the first time on a machine they are compiled."""
+        from tridentify.estimation.machine_code import load_kernels
 
-    def attempt(self, item: Item, read: Callable[[str], None]) -> dict[str, Any]:
-        """Read one unit and work on it; see `attempted`."""
-        return attempted(self.job, item, read)
+        load_kernels()
 
+    @abstractmethod
+    def run(self, item: Item, records: Sequence[Record]) -> dict[str, Any]:
+        """The answer, as JSON can hold it."""
 
-def attempted(job: Job, item: Item, read: Callable[[str], None] | None = None) -> dict[str, Any]:
-    """What came of an item, as the fields of `Outcome` beside it.
+    def attempt(self, item: Item, read: Callable[[str], None] | None = None) -> dict[str, Any]:
+        """What came of an item, as the fields of `Outcome` beside it.
 
-    Parameters
-    ----------
-    job : Job
-    item : Item
-    read : callable, optional
-        Told the fingerprint of the records once they are read.
+        Parameters
+        ----------
+        item : Item
+        read : callable, optional
+            Told the fingerprint of the records once they are read.
 
-    Returns
-    -------
-    dict
-        As JSON can hold it.
-    """
-    begin = time.perf_counter()
-    mark, told = "", {}
-    try:
-        records = item.place.records(job.wanted)
-        mark = fingerprint(records)
-        if read is not None:
-            read(mark)
-        told = {"value": job.run(item, records)}
-    except (BrokenPipeError, KeyboardInterrupt):
-        raise
-    except BaseException as error:  # a panic of a compiled reader is no Exception
-        told = described(error)
-        mark = mark or item.place.trace()
-    return told | {"seconds": time.perf_counter() - begin, "fingerprint": mark}
+        Returns
+        -------
+        dict
+            As JSON can hold it.
+        """
+        begin = time.perf_counter()
+        mark, told = "", {}
+        try:
+            records = item.place.records(self.wanted)
+            mark = fingerprint(records)
+            if read is not None:
+                read(mark)
+            told = {"value": self.run(item, records)}
+        except (BrokenPipeError, KeyboardInterrupt):
+            raise
+        except BaseException as error:  # a panic of a compiled reader is no Exception
+            told = described(error)
+            mark = mark or item.place.trace()
+        return told | {"seconds": time.perf_counter() - begin, "fingerprint": mark}
 
 
 def described(error: BaseException) -> dict[str, Any]:

@@ -10,9 +10,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from tridentify.errors import MissingDependencyError, SampleTypeError
+from tridentify.errors import SampleTypeError
 from tridentify.estimation.methods.base import Method
-from tridentify.fleet.attempt import OnRecords, attempted
 from tridentify.fleet.rows import COLUMNS, Fit, fit_row, to_frame
 from tridentify.fleet.sources import items_of
 from tridentify.fleet.workers.children import WORKERS
@@ -22,6 +21,7 @@ from tridentify.identify import checked_structure
 from tridentify.judgement.choice import checked_method
 from tridentify.record.checks.samples import Intersample
 from tridentify.record.formats.assemble import Wanted
+from tridentify.record.formats.requirements import require
 from tridentify.structure import AutoStructure, Structure
 from tridentify.writing.views import pandas_frame
 
@@ -105,11 +105,11 @@ def fit_frame(
         table, key = table.with_columns(pl.lit("").alias(WHOLE)), WHOLE
     items = list(items_of(table, key)[0])
     if time_limit is None:
-        outcomes = [Outcome(item, **attempted(job, item)) for item in items]
+        outcomes = [Outcome(item, **job.attempt(item)) for item in items]
     else:
         limits = checked_limits(time_limit, memory_limit)
         with WORKERS.keeper(limits) as keeper:
-            outcomes = list(keeper.outcomes(OnRecords(job), items))
+            outcomes = list(keeper.outcomes(job, items))
     return _like(frame, [fit_row(one) for one in outcomes])
 
 
@@ -157,12 +157,9 @@ def arrow_schema() -> Any:
     MissingDependencyError
         pyarrow is not installed.
     """
-    try:
-        import pyarrow
-    except ImportError as error:
-        raise MissingDependencyError(
-            "found no pyarrow; expected it for an Arrow schema; pip install pyarrow"
-        ) from error
+    require("pyarrow", "pyarrow", "an Arrow schema")
+    import pyarrow
+
     kinds = {
         "text": pyarrow.string(),
         "texts": pyarrow.list_(pyarrow.string()),

@@ -6,9 +6,8 @@ A `Job` runs in a process of its own, beside the worker that hands it its record
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 from tridentify.fleet.workers.job import CRASHED, OVER_TIME
 from tridentify.record.formats.assemble import Wanted
@@ -60,17 +59,3 @@ class Item:
     def trace(self) -> str:
         """A fingerprint of what could not be read; empty where there is none."""
         return self.place.trace()
-
-
-class Job(Protocol):
-    """What is done with the records of one unit, in a process that may crash."""
-
-    @property
-    def wanted(self) -> Wanted:
-        """How files and frames are read."""
-
-    def begin(self) -> None:
-        """Load and compile what is needed, before any record's time runs."""
-
-    def run(self, item: Item, records: Sequence[Record]) -> dict[str, Any]:
-        """The answer, as JSON can hold it."""

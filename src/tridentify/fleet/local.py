@@ -29,6 +29,7 @@ from tridentify.estimation.likelihood.problem import Problem
 from tridentify.estimation.likelihood.triangles import Triangles
 from tridentify.estimation.methods.base import check
 from tridentify.estimation.methods.capability import EVERYTHING
+from tridentify.fleet.attempt import RecordJob
 from tridentify.fleet.job import Item
 from tridentify.models.regression import regress
 from tridentify.numerics.arrays import Array, Complex
@@ -95,7 +96,7 @@ class Piece:
 
 
 @dataclass(frozen=True, eq=False)
-class Local:
+class Local(RecordJob):
     """The job of a pass over the fleet: what every unit says near a point.
 
     Attributes
@@ -112,12 +113,6 @@ class Local:
     theta: tuple[float, ...]
     choices: tuple[Nuisances, ...]
     wanted: Wanted
-
-    def begin(self) -> None:
-        """Load the compiled functions."""
-        from tridentify.estimation.machine_code import load_kernels
-
-        load_kernels()
 
     def run(self, item: Item, records: Sequence[Record]) -> dict[str, Any]:
         """The pieces by the label of their choice."""

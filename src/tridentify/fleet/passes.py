@@ -13,7 +13,6 @@ from typing import Any
 
 from tridentify.errors import IdentifiabilityError
 from tridentify.estimation.likelihood.nuisance import Nuisances
-from tridentify.fleet.attempt import OnRecords
 from tridentify.fleet.job import Item
 from tridentify.fleet.local import Local, Piece
 from tridentify.fleet.work import Task
@@ -63,7 +62,7 @@ def add_batch(task: Task) -> tuple[Sums, float]:
     """The sums of a batch, and what one of its units took [s]."""
     total, seconds = NOTHING, []
     with WORKERS.keeper(task.limits) as keeper:
-        for one in keeper.outcomes(OnRecords(task.job), task.items):
+        for one in keeper.outcomes(task.job, task.items):
             seconds.append(one.seconds)
             if one.failed:
                 total += Sums((), {}, {}, {one.item.key: f"{one.status}: {one.message}"})
@@ -78,7 +77,7 @@ def piece_batch(task: Task) -> tuple[list[tuple[str, Any]], float]:
     """Key and pieces of each unit of a batch, None of one that failed; and what one took [s]."""
     found, seconds = [], []
     with WORKERS.keeper(task.limits) as keeper:
-        for one in keeper.outcomes(OnRecords(task.job), task.items):
+        for one in keeper.outcomes(task.job, task.items):
             seconds.append(one.seconds)
             found.append((one.item.key, None if one.failed else _pieces(one.value)))
     return found, median(seconds)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import io
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from functools import lru_cache
 from pathlib import Path
@@ -27,6 +28,25 @@ and its size."""
 WINDOW = 1 << 17
 """Rows of a Parquet file that are decoded at once: some hundred short records, a few megabytes, so
 that neighbours in one batch share the work."""
+
+
+@contextmanager
+def sound(path: Path) -> Iterator[None]:
+    """Say in one line what a decoder says of a damaged file.
+
+    Raises
+    ------
+    UnreadableFileError
+    """
+    try:
+        yield
+    except (TridentifyError, MemoryError):
+        raise
+    except Exception as error:  # of the library that reads it, of whatever kind
+        raise UnreadableFileError(
+            f"found damaged content ({shown(str(error), 80)}) in {shown(path.name)}; expected a "
+            "sound file; check that it was written and copied completely"
+        ) from error
 
 
 @dataclass(frozen=True)
@@ -54,16 +74,8 @@ class File:
             As `read_record`.
         """
         path = Path(self.path)
-        try:
-            with opened(path, isolated=False) as source:
-                return (record_from(source, wanted, printable(path.stem)),)
-        except (TridentifyError, MemoryError):
-            raise
-        except Exception as error:  # what a decoder says of a damaged file
-            raise UnreadableFileError(
-                f"found damaged content ({shown(str(error), 80)}) in {shown(path.name)}; expected "
-                "a sound file; check that it was written and copied completely"
-            ) from error
+        with sound(path), opened(path, isolated=False) as source:
+            return (record_from(source, wanted, printable(path.stem)),)
 
     def trace(self) -> str:
         """SHA-256 of its content, as far as `MOST_HASHED` and its size say."""
@@ -96,18 +108,10 @@ class Rows:
         """
         import polars as pl
 
-        asked = wanted
-        columns = columns_of(asked)
-        try:
+        columns = columns_of(wanted)
+        with sound(Path(self.label)):
             parts = [rows_of(path, columns, *span) for path, *span in self.spans]
-        except (TridentifyError, MemoryError):
-            raise
-        except Exception as error:
-            raise UnreadableFileError(
-                f"found damaged content ({shown(str(error), 80)}) in "
-                f"{shown(Path(self.label).name)}; expected a sound Parquet file; write it anew"
-            ) from error
-        return (record_of_frame(pl.concat(parts), asked),)
+        return (record_of_frame(pl.concat(parts), wanted),)
 
     def trace(self) -> str:
         """Nothing: other units lie in the same file."""

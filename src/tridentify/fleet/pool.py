@@ -141,19 +141,24 @@ class Pool:
             }
         return found | {"distance": self.distance, "deviating": self.deviating}
 
-    def summary(self) -> str:
-        """Text for people."""
-        rows = [
+    def table(self) -> list[tuple[str, ...]]:
+        """Coefficient, centre and spread, for people."""
+        return [
             (name, f"{m:.5g}", f"{100 * s:.2g} %" if log else f"{s:.2g}")
             for name, m, s, log in zip(
                 self.names, self.mean.tolist(), self.spread.tolist(), self.logarithmic, strict=True
             )
         ]
+
+    def summary(self) -> str:
+        """Text for people."""
         found = ", ".join(self.outliers[:MOST_SHOWN])
         more = f" and {len(self.outliers) - MOST_SHOWN} more" * (len(self.outliers) > MOST_SHOWN)
         told = f"{len(self.outliers)} of {len(self.keys)} units deviate"
         head = f"population: {told}{': ' if found else ''}{found}{more}"
-        return "\n".join([head, "", *format_table(("coefficient", "centre", "spread"), rows)])
+        return "\n".join(
+            [head, "", *format_table(("coefficient", "centre", "spread"), self.table())]
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """The population, ready for JSON."""

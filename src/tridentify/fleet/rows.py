@@ -18,6 +18,7 @@ import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.methods.base import Method
+from tridentify.fleet.attempt import RecordJob
 from tridentify.fleet.job import Item
 from tridentify.fleet.workers.job import Outcome
 from tridentify.identify import search
@@ -54,7 +55,7 @@ findings that matter, ``place`` the file, ``attempt`` how often it was tried bef
 
 
 @dataclass(frozen=True)
-class Fit:
+class Fit(RecordJob):
     """The job of a fleet: identify every unit.
 
     Attributes
@@ -71,12 +72,6 @@ class Fit:
     method: Method | None
     judge: bool
     wanted: Wanted
-
-    def begin(self) -> None:
-        """Load the compiled functions; the first time on a machine they are compiled."""
-        from tridentify.estimation.machine_code import load_kernels
-
-        load_kernels()
 
     def run(self, item: Item, records: Sequence[Record]) -> dict[str, Any]:
         """The columns that an estimate fills."""

@@ -32,6 +32,7 @@ from tridentify.record.record import Record
 from tridentify.structure import Structure
 from tridentify.writing.files import write_atomically
 from tridentify.writing.layout import format_table, format_value
+from tridentify.writing.lock import alone_in
 from tridentify.writing.views import FleetViews, pandas_frame
 
 MOST_CAUSES = 8
@@ -213,7 +214,7 @@ class Run(FleetViews):
             workers=self.question.workers if workers is None else workers,
             limits=limits,
         )
-        with self.store.alone():
+        with alone_in(self.store.folder):
             items, _ = items_of(question.source, question.key)
             waiting = (replace(one, attempt=keys[one.key]) for one in items if one.key in keys)
             work_off(waiting, question, self.store, telling(False), len(keys), 0)
@@ -345,13 +346,7 @@ class Run(FleetViews):
         names, values = coefficients(good)
         if names:
             titles = ("coefficient", *(f"{100 * q:.0f} %" for q in QUARTILES), "std error")
-            errors = np.nanmedian(np.stack(good["standard_errors"].to_list()), axis=0)
-            ends = np.quantile(values, QUARTILES, axis=0).T
-            body = [
-                (name, *(format_value(v, std) for v in row.tolist()), f"{std:.2g}")
-                for name, row, std in zip(names, ends, errors.tolist(), strict=True)
-            ]
-            lines += ["", *format_table(titles, body)]
+            lines += ["", *format_table(titles, distribution(names, values, good))]
         for found in (self.common, self.population):
             lines += [] if found is None else ["", found.summary()]
         return "\n".join(lines)
@@ -380,6 +375,24 @@ class Run(FleetViews):
         good = int(rows["ok"].sum() or 0)
         where = os.fspath(self.folder)
         return f"Run({rows.height} records, {good} with an estimate, in {where!r})"
+
+
+def distribution(names: Sequence[str], values: Array, good: Any) -> list[tuple[str, ...]]:
+    """Rows of a table: coefficient, its quantiles, and the standard error of a typical unit.
+
+    Parameters
+    ----------
+    names : sequence of str
+    values : ndarray, shape (n_units, n)
+    good : polars.DataFrame
+        Rows of these units.
+    """
+    errors = np.nanmedian(np.stack(good["standard_errors"].to_list()), axis=0)
+    ends = np.quantile(values, QUARTILES, axis=0).T
+    return [
+        (name, *(format_value(v, std) for v in row.tolist()), f"{std:.2g}")
+        for name, row, std in zip(names, ends, errors.tolist(), strict=True)
+    ]
 
 
 def coefficients(rows: Any) -> tuple[tuple[str, ...], Any]:

@@ -9,25 +9,18 @@ from pathlib import Path
 from typing import Any
 
 from tridentify.estimation.methods.base import Method
+from tridentify.fleet import working
 from tridentify.fleet.local import refuse_references, summable
 from tridentify.fleet.rows import Fit
 from tridentify.fleet.run import Run
 from tridentify.fleet.sources import items_of
 from tridentify.fleet.store import Store
-from tridentify.fleet.working import (
-    LOG,
-    MEMORY,
-    Progress,
-    Question,
-    checked_limits,
-    telling,
-    work_off,
-)
 from tridentify.identify import checked_structure
 from tridentify.judgement.choice import checked_method
 from tridentify.record.checks.samples import Intersample
 from tridentify.record.formats.assemble import Instants, Wanted
 from tridentify.structure import AutoStructure, Structure
+from tridentify.writing.lock import alone_in
 
 
 def fit(
@@ -54,8 +47,8 @@ def fit(
     together: bool = False,
     pool: bool = False,
     time_limit: float = 60.0,
-    memory_limit: int = MEMORY,
-    progress: bool | Progress = True,
+    memory_limit: int = working.MEMORY,
+    progress: bool | working.Progress = True,
 ) -> Run:
     """Identify every unit of a fleet, and leave a row for each, whatever comes of it.
 
@@ -140,26 +133,26 @@ def fit(
     >>> table["a0"].tolist()
     [4.0, nan, 5.0]
     """
-    limits = checked_limits(time_limit, memory_limit)
+    limits = working.checked_limits(time_limit, memory_limit)
     wanted = Wanted(
         inputs, outputs, time, dt, intersample, units, start, stop, instants, references,
         reference_intersample,
     )  # fmt: skip
     job = Fit(checked_structure(structure), checked_method(method), judge, wanted)
-    question = Question(source, key, job, workers, limits)
+    question = working.Question(source, key, job, workers, limits)
     store = Store(Path(out))
     if together or pool:
         summable(job.structure)
         refuse_references(references)
-    say = telling(progress)
-    with store.alone():
+    say = working.telling(progress)
+    with alone_in(store.folder):
         notes = store.begin(job.in_words(), resume=resume)
         for note in notes:
-            LOG.warning(note)
+            working.LOG.warning(note)
         items, total = items_of(source, key)
         done = store.keys()
         waiting = (item for item in items if item.key not in done)
-        work_off(waiting, question, store, say, total, len(done))
+        working.work_off(waiting, question, store, say, total, len(done))
     run = Run(store, question, notes)
     if together:
         run = replace(run, common=run.together())

@@ -8,20 +8,19 @@ a lock that the system lets go of when the process ends, however it ends.
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import io
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tridentify.errors import OptionError, OutputPathError, UnreadableFileError, shown
+from tridentify.errors import OptionError, UnreadableFileError, shown
 from tridentify.fleet.rows import schema, to_frame
 from tridentify.writing.files import outdated, write_atomically
-from tridentify.writing.lock import alone_in
+from tridentify.writing.lock import make_folder
 
 MANIFEST = "manifest.json"
 PARTS = "parts"
@@ -46,25 +45,6 @@ class Store:
         """Where the parts are."""
         return self.folder / PARTS
 
-    @contextlib.contextmanager
-    def alone(self) -> Iterator[None]:
-        """Hold the folder for this run; it is made if it is not there.
-
-        Raises
-        ------
-        OutputPathError
-            It cannot be made, or another run is at work in it.
-        """
-        try:
-            self.parts.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise OutputPathError(
-                f"found no way to make the folder {shown(str(self.folder))} "
-                f"({error.strerror or error}); expected one that can be written; choose another"
-            ) from error
-        with alone_in(self.folder):
-            yield
-
     def begin(self, settings: Mapping[str, Any], *, resume: bool) -> tuple[str, ...]:
         """Make sure that what is there goes with these settings.
 
@@ -87,10 +67,12 @@ class Store:
         OutputPathError
             The folder cannot be written.
         """
+        make_folder(self.parts)
         digest = digest_of(settings)
         before = self.manifest()
         if not resume:
-            self._clear()
+            for path in (*self.parts.glob("*.parquet"), *self.parts.glob(f"*{DAMAGED}")):
+                path.unlink()
         elif before and before["settings"] != digest:
             changed = ", ".join(
                 f"{name} {shown(before['options'].get(name), 60)}"
@@ -126,14 +108,9 @@ class Store:
                 return dict(found)
         except (OSError, ValueError, KeyError, TypeError):
             pass
-        raise UnreadableFileError(
-            f"found no manifest of a fleet in {shown(str(path))}; expected one of form {FORM}; "
-            "choose another folder"
+        raise UnreadableFileError.found(
+            "no manifest of a fleet in ", str(path), f"one of form {FORM}", "choose another folder"
         )
-
-    def _clear(self) -> None:
-        for path in (*self.parts.glob("*.parquet"), *self.parts.glob(f"*{DAMAGED}")):
-            path.unlink()
 
     def set_aside(self) -> tuple[str, ...]:
         """Rename parts that are not whole; their records count as not done."""

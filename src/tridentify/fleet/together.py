@@ -82,19 +82,24 @@ class Together:
         """(n,) standard errors."""
         return np.asarray(np.sqrt(np.diag(self.cov)))
 
-    def summary(self) -> str:
-        """Text for people."""
-        rows = [
+    def table(self) -> list[tuple[str, ...]]:
+        """Coefficient, value and standard error, for people."""
+        return [
             (name, format_value(v, s), f"{s:.2g}")
             for name, v, s in zip(self.names, self.theta.tolist(), self.std.tolist(), strict=True)
         ]
+
+    def summary(self) -> str:
+        """Text for people."""
         out = f", {len(self.left_out)} left out" if self.left_out else ""
         head = [
             f"one model for {self.n_units} units{out}: {self.n_samples} samples, "
             f"{self.passes} passes",
             f"{self.nuisance}; fit {', '.join(f'{f:.1f} %' for f in self.fit)}",
         ]
-        return "\n".join([*head, "", *format_table(("coefficient", "value", "std error"), rows)])
+        return "\n".join(
+            [*head, "", *format_table(("coefficient", "value", "std error"), self.table())]
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Ready for JSON."""

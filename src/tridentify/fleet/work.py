@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from statistics import median
 
-from tridentify.fleet.attempt import OnRecords
-from tridentify.fleet.job import Item, Job
+from tridentify.fleet.attempt import RecordJob
+from tridentify.fleet.job import Item
 from tridentify.fleet.rows import fit_row
 from tridentify.fleet.store import write_part
 from tridentify.fleet.workers.children import WORKERS
@@ -26,7 +26,7 @@ class Task:
     ----------
     name : str
         Of its part: the same if it is handed out again.
-    job : Job
+    job : RecordJob
     items : tuple of Item
     limits : Limits
     target : str
@@ -34,7 +34,7 @@ class Task:
     """
 
     name: str
-    job: Job
+    job: RecordJob
     items: tuple[Item, ...]
     limits: Limits
     target: str = ""
@@ -67,7 +67,7 @@ def fit_batch(task: Task) -> Counts:
         No child process can be started.
     """
     with WORKERS.keeper(task.limits) as keeper:
-        rows = [fit_row(one) for one in keeper.outcomes(OnRecords(task.job), task.items)]
+        rows = [fit_row(one) for one in keeper.outcomes(task.job, task.items)]
     write_part(task.target, rows)
     failed = sum(not row["ok"] for row in rows)
     return Counts(len(rows), failed, median(row["seconds"] for row in rows))

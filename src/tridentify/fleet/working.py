@@ -59,13 +59,9 @@ def checked_limits(seconds: float, memory: int) -> Limits:
     OptionError
     """
     if not isinstance(seconds, int | float) or isinstance(seconds, bool) or not 0 < seconds < 1e7:
-        raise OptionError(
-            f"found time_limit={shown(seconds)}; expected seconds for each record; correct it"
-        )
+        raise OptionError.found("time_limit=", seconds, "seconds for each record")
     if not isinstance(memory, int) or isinstance(memory, bool) or memory < 1 << 28:
-        raise OptionError(
-            f"found memory_limit={shown(memory)}; expected bytes, {1 << 28} at least; correct it"
-        )
+        raise OptionError.found("memory_limit=", memory, f"bytes, {1 << 28} at least")
     return Limits(float(seconds), memory)
 
 

@@ -42,9 +42,7 @@ def check_state(state: object) -> None:
     OptionError
     """
     if not isinstance(state, State):
-        raise OptionError(
-            f"found state={shown(state)}; expected what init, step or State.load gave; pass that"
-        )
+        raise OptionError.found("state=", state, "what init, step or State.load gave", "pass that")
 
 
 def check_forgetting(forgetting: object) -> None:
@@ -101,9 +99,8 @@ def check_above_zero(name: str, value: object, unit: str) -> None:
     OptionError
     """
     if value is not None and not (is_number(value) and 0.0 < float(value) < np.inf):  # type: ignore[arg-type]
-        raise OptionError(
-            f"found {name}={shown(value)}; expected a number above zero, in {unit}; leave it out "
-            "or correct it"
+        raise OptionError.found(
+            f"{name}=", value, f"a number above zero, in {unit}", "leave it out or correct it"
         )
 
 
@@ -177,9 +174,7 @@ def put_sample(x: Array, setting: Setting, u: ArrayLike, y: ArrayLike) -> None:
     at = slots.INBOX
     for what, value, names in (("u", u, setting.input_names), ("y", y, setting.output_names)):
         if isinstance(value, str):
-            raise SampleTypeError(
-                f"found {what}={shown(value)}; expected numbers; convert the sample first"
-            )
+            raise SampleTypeError.found(f"{what}=", value, "numbers", "convert the sample first")
         try:
             row = np.asarray(value, dtype=np.float64)
         except (TypeError, ValueError) as error:
@@ -211,8 +206,7 @@ def names_given(what: str, names: Sequence[str]) -> list[str]:
     OptionError
     """
     if isinstance(names, str) or not all(isinstance(name, str) for name in names) or not names:
-        raise OptionError(
-            f"found {what}={shown(names)}; expected names of channels; write for example "
-            f"{what}=['elevator']"
+        raise OptionError.found(
+            f"{what}=", names, "names of channels", f"write for example {what}=['elevator']"
         )
     return list(names)

@@ -41,6 +41,7 @@ import scipy.linalg
 from tridentify.estimation.answer.estimate import Estimate, Status, Trace
 from tridentify.estimation.methods.filtered.filter_cascade import checked_filter
 from tridentify.numerics.arrays import Array, Complex
+from tridentify.online import search, starting
 from tridentify.online.asked import check_choice, not_ready, refuse_drift
 from tridentify.online.equation_plan import equation_blueprint, maps_of, output_weights
 from tridentify.online.estimator import CompiledKernels, check_asked
@@ -59,21 +60,6 @@ from tridentify.online.layout import (
 )
 from tridentify.online.result import assembled
 from tridentify.online.scatter import widened, with_scatter
-from tridentify.online.search import (
-    FoundPoles,
-    checked_start,
-    clean_search,
-    filter_poles,
-    poles_of_start,
-)
-from tridentify.online.starting import (
-    admissible,
-    calm,
-    run_kept,
-    take_clocks,
-    waiting,
-    without,
-)
 from tridentify.online.state import State
 from tridentify.online.suspecting import MOST_KEPT, Suspecting
 from tridentify.online.task import Task
@@ -104,7 +90,7 @@ class EquationError(Suspecting):
         """Refuse options that are out of range."""
         check_choice("on_change", self.on_change, ("restart", "flag"))
         object.__setattr__(self, "filter", checked_filter(self.filter))
-        object.__setattr__(self, "start", checked_start(self.start))
+        object.__setattr__(self, "start", search.checked_start(self.start))
 
     def plan(
         self, setting: Setting, poles: Complex, weights: Array, *, restarted: bool,
@@ -121,11 +107,11 @@ class EquationError(Suspecting):
         refuse_drift(self.name, setting)
         weights = np.ones(setting.n_outputs)
         if self.filter is not None:
-            poles = filter_poles(self.filter, setting)
+            poles = search.filter_poles(self.filter, setting)
         elif self.start is not None:
-            poles = poles_of_start(self.start, setting)
+            poles = search.poles_of_start(self.start, setting)
         else:
-            return waiting(self, setting)
+            return starting.waiting(self, setting)
         blueprint = self.plan(setting, poles, weights, restarted=False, filtering=False, keep=True)
         x = fresh(blueprint)
         x[slots.TICK] = self.wait(setting, blueprint)
@@ -175,12 +161,12 @@ class EquationError(Suspecting):
 
     def _searching_task(self, state: State, samples: Array, begun_anew: bool, full: bool) -> Task:
         """The search for the filter."""
-        return Task(clean_search, state.stage.setting, samples, begun_anew)
+        return Task(search.clean_search, state.stage.setting, samples, begun_anew)
 
     def from_search(
         self,
         state: State,
-        found: tuple[FoundPoles | None, Array],
+        found: tuple[search.FoundPoles | None, Array],
         newest: Array,
         begun_anew: bool,
         full: bool,
@@ -191,16 +177,18 @@ class EquationError(Suspecting):
             return None
         return self._launched(state, poles, np.vstack([samples, newest]), begun_anew)
 
-    def begun_again(self, state: State, found: FoundPoles, samples: Array) -> State:
+    def begun_again(self, state: State, found: search.FoundPoles, samples: Array) -> State:
         """The estimator that goes on from the samples since a change."""
         return self._launched(state, found, samples, True)
 
-    def _launched(self, state: State, found: FoundPoles, samples: Array, begun_anew: bool) -> State:
+    def _launched(
+        self, state: State, found: search.FoundPoles, samples: Array, begun_anew: bool
+    ) -> State:
         """Kept samples on the filter that a model gives, or on that of the user."""
         x, stage = state
         setting = stage.setting
         if self.filter is None:
-            poles = admissible(setting, found.poles, samples)
+            poles = starting.admissible(setting, found.poles, samples)
         else:
             poles = stage.blueprint.poles
         weights = 1.0 / np.where(found.noise_std > 0, found.noise_std, 1.0)
@@ -210,19 +198,19 @@ class EquationError(Suspecting):
             keep=len(samples) < MOST_KEPT,
         )  # fmt: skip
         fed = fresh(blueprint)
-        flags = run_kept(self, setting, blueprint, fed, samples)
-        cleaned = without(samples, flags, setting.n_inputs)
+        flags = starting.run_kept(self, setting, blueprint, fed, samples)
+        cleaned = starting.without(samples, flags, setting.n_inputs)
         if cleaned is not None:
             samples, fed = cleaned, fresh(blueprint)
-            run_kept(self, setting, blueprint, fed, samples)
-        take_clocks(x, stage.blueprint, fed, blueprint, len(samples))
+            starting.run_kept(self, setting, blueprint, fed, samples)
+        starting.take_clocks(x, stage.blueprint, fed, blueprint, len(samples))
         fed[slots.FILLED] = 0.0
         wait = self.wait(setting, blueprint)
         fed[slots.TICK] = max(wait - len(samples), 1.0) + fed[slots.COUNT] if wait else 0.0
         anew = stage.but(
             blueprint=blueprint, poles=poles, past=(samples,), searching=False, extra=()
         )
-        calm(fed, anew)
+        starting.calm(fed, anew)
         return State(fed, anew)
 
     def estimate(self, state: State) -> Estimate:

@@ -8,17 +8,9 @@ import numpy as np
 
 from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.numerics.realization import Cascade, cascade, degree_basis, denominator, numerators
+from tridentify.online import layout
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.slots import EXPONENTIAL, triangle_size
-from tridentify.online.layout import (
-    CHUNK,
-    Blueprint,
-    NuisanceColumns,
-    Setting,
-    discretize_each,
-    filled,
-    places_of,
-)
 
 LEARNING = 20  # blocks, as the equation error is never white
 
@@ -30,7 +22,7 @@ class Maps(NamedTuple):
     constant: Array
 
 
-def maps_of(setting: Setting, c: Cascade) -> Maps:
+def maps_of(setting: layout.Setting, c: Cascade) -> Maps:
     """How the coefficients follow from the weights of the functions of ``c``."""
     n, q = setting.n_poles, c.order
     basis, table = degree_basis(c), numerators(c.poles)
@@ -53,7 +45,7 @@ def maps_of(setting: Setting, c: Cascade) -> Maps:
     return Maps(matrix, constant)
 
 
-def from_directions(setting: Setting, poles: Complex) -> Array:
+def from_directions(setting: layout.Setting, poles: Complex) -> Array:
     """Physical coefficients by the directions of Step 1 (`online.steps.directions_of`).
 
     Parameters
@@ -72,7 +64,7 @@ def from_directions(setting: Setting, poles: Complex) -> Array:
     return found
 
 
-def output_weights(blueprint: Blueprint) -> Array:
+def output_weights(blueprint: layout.Blueprint) -> Array:
     """(n_outputs,) by which the rows of the outputs count."""
     ints = blueprint.ints
     at = int(ints[slots.C_MONIC] + ints[slots.ORDER]) + 1
@@ -80,7 +72,7 @@ def output_weights(blueprint: Blueprint) -> Array:
 
 
 def equation_blueprint(
-    setting: Setting,
+    setting: layout.Setting,
     poles: Complex,
     *,
     restarted: bool,
@@ -89,7 +81,7 @@ def equation_blueprint(
     kind: int = EXPONENTIAL,
     filtering: bool = False,
     keep: bool = False,
-) -> Blueprint:
+) -> layout.Blueprint:
     """The plan of an estimator on the equation error.
 
     Parameters
@@ -110,13 +102,13 @@ def equation_blueprint(
         Whether samples are kept.
     """
     m, p, q = setting.n_inputs, setting.n_outputs, poles.size
-    wanted = NuisanceColumns.of(setting.structure, restarted)
+    wanted = layout.NuisanceColumns.of(setting.structure, restarted)
     # a constant comes with the transient of the filter that it begins with
-    nuisance = NuisanceColumns(wanted.free or wanted.offset, wanted.offset, False)
+    nuisance = layout.NuisanceColumns(wanted.free or wanted.offset, wanted.offset, False)
     coefficients = len(setting.names)
     columns = p * (q * nuisance.free + nuisance.offset) + coefficients
-    ints, plan, constants = places_of(
-        setting, poles, nuisance, columns, coefficients, CHUNK if keep else 0, kind
+    ints, plan, constants = layout.places_of(
+        setting, poles, nuisance, columns, coefficients, layout.CHUNK if keep else 0, kind
     )
     ints[slots.COEFFICIENTS] = coefficients
     ints[slots.FILTERING], ints[slots.LEARNING] = filtering, LEARNING
@@ -137,16 +129,18 @@ def equation_blueprint(
         ints[slots.AT_GAIN] = plan.take(columns + columns * (columns + coefficients))
         ints[slots.C_WALK] = constants.take(columns * coefficients)
         ints[slots.C_WIDTHS] = constants.take(coefficients)
-    c = filled(constants.at, ints, setting, poles, forgetting)
+    c = layout.filled(constants.at, ints, setting, poles, forgetting)
     # a triangle that all outputs share takes a row of each
     c[slots.FORGETTING] = forgetting ** (1.0 / p)
     _write_filter(c, ints, setting, cascade(poles), weights)
-    return Blueprint(ints, c, plan.at, poles, nuisance)
+    return layout.Blueprint(ints, c, plan.at, poles, nuisance)
 
 
-def _write_filter(c: Array, ints: Indices, setting: Setting, bank: Cascade, weights: Array) -> None:
+def _write_filter(
+    c: Array, ints: Indices, setting: layout.Setting, bank: Cascade, weights: Array
+) -> None:
     m, q, n = setting.n_inputs, bank.order, setting.n_poles
-    joined = discretize_each(bank, np.array([setting.dt]), "foh")
+    joined = layout.discretize_each(bank, np.array([setting.dt]), "foh")
     at = int(ints[slots.C_OUTPUT])
     c[at : at + q], c[at + q : at + 2 * q] = joined.from_current[0], joined.from_next[0]
     basis = degree_basis(bank)

@@ -31,17 +31,7 @@ from tridentify.errors import (
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.methods.capability import Capability, refuse_unsupported
 from tridentify.numerics.arrays import Array, Indices
-from tridentify.online.asked import (
-    NotReadyError,
-    as_table,
-    bounded_intervals,
-    check_state,
-    checked_interval,
-    constants_after,
-    is_number,
-    names_given,
-    put_sample,
-)
+from tridentify.online import asked
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.workspace import LONGEST, Workspace
 from tridentify.online.layout import Blueprint, Setting, constants_for, smallest_channel
@@ -213,15 +203,12 @@ class Estimator(ABC):
                 f"found structure={type(structure).__name__}; expected a Structure; write for "
                 "example Structure(poles=2, zeros=1)"
             )
-        if not is_number(dt) or not 0.0 < float(dt) < math.inf:
-            raise SamplingError(
-                f"found dt={shown(dt)}; expected a sampling interval above zero, in seconds; "
-                "correct it"
-            )
+        if not asked.is_number(dt) or not 0.0 < float(dt) < math.inf:
+            raise SamplingError.found("dt=", dt, "a sampling interval above zero, in seconds")
         check_span(float(dt), float(dt))
         inputs, outputs = (
-            names_given("input_names", input_names),
-            names_given("output_names", output_names),
+            asked.names_given("input_names", input_names),
+            asked.names_given("output_names", output_names),
         )
         if intersample not in ("zoh", "foh"):
             raise UnsupportedError(
@@ -291,7 +278,7 @@ class Estimator(ABC):
             The interval is not above zero.
         """
         if type(state) is not State:
-            check_state(state)
+            asked.check_state(state)
         values, stage = state
         if stage.method is not self:
             check_owner(self, stage.method)
@@ -305,11 +292,11 @@ class Estimator(ABC):
             x[slots.INBOX] = u
             x[slots.INBOX + 1] = y
         else:
-            put_sample(x, setting, u, y)
+            asked.put_sample(x, setting, u, y)
         if interval is None:
             constants, seconds = blueprint.constants, setting.dt
         else:
-            constants, seconds = constants_after(state, interval)
+            constants, seconds = asked.constants_after(state, interval)
         innovation = self.kernels().step(ints, constants, x, seconds)
         found = State(x, stage)
         if x[slots.EVENT]:
@@ -338,8 +325,8 @@ class Estimator(ABC):
         flags : (n_samples,) int array
             As numbers (`online.Flag`).
         """
-        u, y = (np.ascontiguousarray(as_table(one), dtype=np.float64) for one in (u, y))
-        check_state(state)
+        u, y = (np.ascontiguousarray(asked.as_table(one), dtype=np.float64) for one in (u, y))
+        asked.check_state(state)
         setting = state.stage.setting
         check_owner(self, state.stage.method)
         if u.shape[1] != setting.n_inputs or y.shape[1] != setting.n_outputs or len(u) != len(y):
@@ -382,11 +369,11 @@ class Estimator(ABC):
         made: tuple[Blueprint, int, Array] | None = None
         for k, interval in enumerate(intervals.tolist()):
             stage = state.stage
-            regular, seconds = checked_interval(state, interval)
+            regular, seconds = asked.checked_interval(state, interval)
             constants = stage.blueprint.constants
             if not regular:
                 if made is None or made[0] is not stage.blueprint or k >= made[1] + len(made[2]):
-                    ahead = bounded_intervals(intervals[k : k + BATCH], stage.setting.dt)
+                    ahead = asked.bounded_intervals(intervals[k : k + BATCH], stage.setting.dt)
                     found = self.constants_for(stage.blueprint, stage.setting, ahead)
                     made = stage.blueprint, k, found
                 constants = made[2][k - made[1]]
@@ -451,12 +438,12 @@ def check_asked(method: Estimator, state: object) -> None:
     NotReadyError
         The samples so far are too small to be squared.
     """
-    check_state(state)
+    asked.check_state(state)
     assert isinstance(state, State)
     check_owner(method, state.method)
     least = smallest_channel(state.stage.blueprint, state.values)
     if least < slots.SMALLEST:
-        raise NotReadyError(
+        raise asked.NotReadyError(
             f"found a channel of at most {least:.0e} so far; expected samples of "
             f"{slots.SMALLEST:.0e} to {slots.LARGEST:.0e}; choose another unit"
         )

@@ -63,7 +63,6 @@ P. C. Young, Recursive Estimation and Time-Series Analysis, 2nd ed., Springer 20
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import ClassVar
@@ -77,6 +76,7 @@ from tridentify.estimation.methods.filtered.filter_cascade import checked_filter
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.slices import Slices
 from tridentify.numerics.threads import one_blas_thread
+from tridentify.online import search
 from tridentify.online.asked import check_above_zero, check_choice, not_ready, refuse_drift
 from tridentify.online.estimator import CompiledKernels, check_asked
 from tridentify.online.findings import noise_finding, with_findings
@@ -109,15 +109,6 @@ from tridentify.online.kernels import gradient_slots as places
 from tridentify.online.kernels import slots
 from tridentify.online.layout import Blueprint, NuisanceColumns, Setting, Stage, collecting, fresh
 from tridentify.online.result import assembled
-from tridentify.online.search import (
-    FoundPoles,
-    check_rates,
-    checked_start,
-    far_off,
-    filter_poles,
-    poles_of_start,
-    searching,
-)
 from tridentify.online.starting import waiting, without
 from tridentify.online.state import State
 from tridentify.online.task import Task
@@ -196,7 +187,7 @@ class Gradient(GradientRule):
         check_above_zero("gamma", self.gamma, "rad/s")
         check_count("n_operators", self.n_operators)
         object.__setattr__(self, "filter", checked_filter(self.filter))
-        object.__setattr__(self, "start", checked_start(self.start))
+        object.__setattr__(self, "start", search.checked_start(self.start))
         check_choice("on_change", self.on_change, ("restart", "flag"))
         if self.start is not None and self.fixed:
             raise OptionError(
@@ -219,7 +210,7 @@ class Gradient(GradientRule):
         if self.start is None:
             basis = self._paper_basis(setting, nuisance)
             return self._begun(basis, np.zeros(basis.unknowns))
-        poles = poles_of_start(self.start, setting)
+        poles = search.poles_of_start(self.start, setting)
         basis = Basis.on_model(setting, nuisance, poles)
         return self._begun(basis, basis.unknowns_of(coefficients_of(self.start, setting)))
 
@@ -229,10 +220,10 @@ class Gradient(GradientRule):
             assert gamma is not None
             poles = np.full(n + 1, -gamma, dtype=np.complex128)
         else:
-            poles = filter_poles(self.filter, setting)
+            poles = search.filter_poles(self.filter, setting)
             if gamma is None:
                 gamma = float(np.exp(np.mean(np.log(np.abs(poles)))))
-        check_rates(np.array([gamma], dtype=np.complex128), "gamma", setting)
+        search.check_rates(np.array([gamma], dtype=np.complex128), "gamma", setting)
         return Basis.fixed(setting, nuisance, gamma, self.n_operators, poles)
 
     def _begun(self, basis: Basis, unknowns: Array) -> State:
@@ -299,7 +290,7 @@ class Gradient(GradientRule):
     def from_search(
         self,
         state: State,
-        found: tuple[FoundPoles, Array] | None,
+        found: tuple[search.FoundPoles, Array] | None,
         newest: Array,
         begun_anew: bool,
         full: bool,
@@ -311,7 +302,7 @@ class Gradient(GradientRule):
         begun = launched(self, state, poles, np.vstack([samples, newest]), begun_anew, full)
         return None if begun is None else begun[0]
 
-    def begun_again(self, state: State, found: FoundPoles, samples: Array) -> State:
+    def begun_again(self, state: State, found: search.FoundPoles, samples: Array) -> State:
         """The estimator that goes on from the samples since a change."""
         begun = launched(self, state, found, samples, True, True)
         assert begun is not None
@@ -380,12 +371,12 @@ class Gradient(GradientRule):
 
 def _searching(
     method: Gradient, state: State, samples: Array, begun_anew: bool, full: bool
-) -> Slices[tuple[FoundPoles, Array] | None]:
+) -> Slices[tuple[search.FoundPoles, Array] | None]:
     """A model to begin with, and the kept samples without those that it finds doubtful."""
     setting, answer = state.stage.setting, None
-    samples = yield from far_off(setting, samples)
+    samples = yield from search.far_off(setting, samples)
     for _ in range(REFIT_ROUNDS):
-        found = yield from searching(setting, samples, begun_anew)
+        found = yield from search.searching(setting, samples, begun_anew)
         if found is None or not (found.certain or full):
             break
         yield
@@ -398,6 +389,3 @@ def _searching(
             break
         samples = cleaned
     return answer
-
-
-__all__: Sequence[str] = ("Gradient",)

@@ -11,6 +11,7 @@ import numpy as np
 
 from tridentify.numerics.arrays import Array, Indices
 from tridentify.numerics.realization import denominator
+from tridentify.online import layout
 from tridentify.online.gradient_periods import (
     PERIODS_TO_BE_SURE,
     as_expected,
@@ -38,12 +39,6 @@ from tridentify.online.gradient_plan import Basis, plan, with_tables
 from tridentify.online.kernels import gradient_slots as places
 from tridentify.online.kernels import slots
 from tridentify.online.launch import begun, reference_of
-from tridentify.online.layout import (
-    Blueprint,
-    NuisanceColumns,
-    Setting,
-    Stage,
-)
 from tridentify.online.search import FoundPoles
 from tridentify.online.starting import admissible, calm, run_kept, take_clocks
 from tridentify.online.state import State
@@ -183,18 +178,18 @@ def extra_of(batches: Array, rate: float, periods: int) -> tuple[Array, ...]:
     return (batches.ravel(), np.array([rate, float(periods)]))
 
 
-def _kept(stage: Stage, batches: Array, rate: float, periods: int) -> tuple[Array, ...]:
+def _kept(stage: layout.Stage, batches: Array, rate: float, periods: int) -> tuple[Array, ...]:
     """With what is kept of a suspicion behind them."""
     return *extra_of(batches, rate, periods), *stage.extra[OWN_ARRAYS:]
 
 
-def periods_of(stage: Stage) -> tuple[Array, float, int]:
+def periods_of(stage: layout.Stage) -> tuple[Array, float, int]:
     """The same, read."""
     flat, (rate, periods) = stage.extra[:OWN_ARRAYS]
     return flat.reshape(-1, len(stage.setting.names) + 1), float(rate), int(periods)
 
 
-def _readiness(basis: Basis, before: Blueprint, batches: Array) -> float:
+def _readiness(basis: Basis, before: layout.Blueprint, batches: Array) -> float:
     """Whether samples may be doubted and changes told; what may be doubted stays so."""
     if basis.adapted and len(batches) >= PERIODS_TO_BE_SURE:
         return places.TELLS
@@ -261,7 +256,7 @@ def launched(
     return State(x, new), flags
 
 
-def nuisance_of(setting: Setting, restarted: bool) -> NuisanceColumns:
+def nuisance_of(setting: layout.Setting, restarted: bool) -> layout.NuisanceColumns:
     """The nuisance terms of the rule, which knows no drift."""
-    found = NuisanceColumns.of(setting.structure, restarted)
-    return NuisanceColumns(found.free, found.offset, False)
+    found = layout.NuisanceColumns.of(setting.structure, restarted)
+    return layout.NuisanceColumns(found.free, found.offset, False)

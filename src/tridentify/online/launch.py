@@ -11,37 +11,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from tridentify.errors import TridentifyError
+from tridentify.estimation.likelihood.choose_nuisance import Finished
 from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.numerics.slices import Slices
+from tridentify.online import layout, scatter, steps
 from tridentify.online.equation_plan import from_directions
 from tridentify.online.estimator import Estimator
 from tridentify.online.kernels import slots
-from tridentify.online.layout import (
-    Blueprint,
-    NuisanceColumns,
-    Setting,
-    fresh,
-    watch_of,
-    with_directions,
-)
 from tridentify.online.residual import is_driven
-from tridentify.online.scatter import (
-    FEWEST,
-    expect_scatter,
-    keep_expected,
-    scatter_of,
-    turn_scatter,
-)
 from tridentify.online.search import FoundPoles, far_off, judged_poles, record_of, searching
 from tridentify.online.starting import admissible, calm, rearranged, run_kept, take_clocks, without
 from tridentify.online.state import State
-from tridentify.online.steps import (
-    StepsEnd,
-    coefficients_of_directions,
-    directions_of,
-    estimate_of,
-    solving,
-)
 from tridentify.online.summary import moved
 
 MOVE_ROUNDS = 3
@@ -55,12 +35,12 @@ class Planner(Estimator):
 
     @abstractmethod
     def plan(
-        self, setting: Setting, poles: Complex, nuisance: NuisanceColumns, keep: bool
-    ) -> Blueprint:
+        self, setting: layout.Setting, poles: Complex, nuisance: layout.NuisanceColumns, keep: bool
+    ) -> layout.Blueprint:
         """Step 1 on poles, each as often as a move of them asks for; ``keep``: with the samples."""
 
     @abstractmethod
-    def next_tick(self, x: Array, setting: Setting) -> float:
+    def next_tick(self, x: Array, setting: layout.Setting) -> float:
         """Sample at which the clock ticks next."""
 
 
@@ -80,7 +60,7 @@ class Launch:
         Whether they tell the poles.
     """
 
-    blueprint: Blueprint
+    blueprint: layout.Blueprint
     poles: Complex
     noise_std: Array
     samples: Array
@@ -89,7 +69,7 @@ class Launch:
 
 def searching_launch(
     method: Planner,
-    setting: Setting,
+    setting: layout.Setting,
     samples: Array,
     begun_anew: bool,
     full: bool,
@@ -116,7 +96,7 @@ def searching_launch(
     yield
     if not is_driven(setting, record_of(setting, samples), found.estimate.theta):
         return None
-    nuisance = NuisanceColumns.of(setting.structure, begun_anew)
+    nuisance = layout.NuisanceColumns.of(setting.structure, begun_anew)
     launch, flags = yield from launching(
         method, setting, found.poles, nuisance, samples, found.noise_std, reference
     )
@@ -136,9 +116,9 @@ def searching_launch(
 
 def launching(
     method: Planner,
-    setting: Setting,
+    setting: layout.Setting,
     poles: Complex,
-    nuisance: NuisanceColumns,
+    nuisance: layout.NuisanceColumns,
     samples: Array,
     noise_std: Array,
     reference: Array,
@@ -150,11 +130,11 @@ def launching(
     yield
     flags = run_kept(method, setting, blueprint, x, samples)
     try:
-        solution = yield from solving(setting, blueprint, x, near, choose=False)
+        solution = yield from steps.solving(setting, blueprint, x, near, choose=False)
     except (TridentifyError, np.linalg.LinAlgError):
         return Launch(blueprint, near, noise_std, samples, False), flags
     poles = solution.point.poles
-    found = with_directions(blueprint, directions_of(setting, blueprint, solution))
+    found = layout.with_directions(blueprint, steps.directions_of(setting, blueprint, solution))
     yield
     x = begun(found, noise_std, reference)
     run_kept(method, setting, found, x, samples)
@@ -163,11 +143,11 @@ def launching(
     return Launch(found, poles, noise_std, samples, certain), flags
 
 
-def begun(blueprint: Blueprint, noise_std: Array, reference: Array) -> Array:
+def begun(blueprint: layout.Blueprint, noise_std: Array, reference: Array) -> Array:
     """The vector before the first kept sample."""
-    x = fresh(blueprint)
+    x = layout.fresh(blueprint)
     for i, one in enumerate(noise_std.tolist()):
-        x[watch_of(blueprint, i) + slots.SCALE] = one
+        x[layout.watch_of(blueprint, i) + slots.SCALE] = one
     if blueprint.ints[slots.EQUILIBRIUM] and blueprint.nuisance.free:
         at = int(blueprint.ints[slots.AT_REFERENCE])
         x[at : at + reference.size] = reference
@@ -202,11 +182,13 @@ def launched(method: Planner, state: State, launch: Launch, rest: Array) -> Stat
     x[slots.TICK] = method.next_tick(x, setting)
     if launch.certain:
         # later, a change among the kept samples would pass for what is usual
-        late = scatter_of(blueprint, x, 0).blocks[0] > FEWEST and not stage.searching
+        late = (
+            scatter.scatter_of(blueprint, x, 0).blocks[0] > scatter.FEWEST and not stage.searching
+        )
         if late or old[slots.SUSPECT] > 0.0:
-            keep_expected(stage.blueprint, old, blueprint, x)
+            scatter.keep_expected(stage.blueprint, old, blueprint, x)
         else:
-            expect_scatter(blueprint, x)
+            scatter.expect_scatter(blueprint, x)
     return State(x, new)
 
 
@@ -217,18 +199,22 @@ def reference_of(state: State) -> Array:
     return x[at : at + stage.setting.n_inputs].copy()
 
 
-def noise_std_of(blueprint: Blueprint, x: Array) -> Array:
+def noise_std_of(blueprint: layout.Blueprint, x: Array) -> Array:
     """(n_outputs,) scale of the noise in a vector."""
     count = int(blueprint.ints[slots.OUTPUTS])
-    return np.array([x[watch_of(blueprint, i) + slots.SCALE] for i in range(count)])
+    return np.array([x[layout.watch_of(blueprint, i) + slots.SCALE] for i in range(count)])
 
 
 def is_certain(
-    setting: Setting, blueprint: Blueprint, x: Array, solution: StepsEnd, poles: Complex
+    setting: layout.Setting,
+    blueprint: layout.Blueprint,
+    x: Array,
+    solution: Finished,
+    poles: Complex,
 ) -> bool:
     """Whether the samples tell the poles; a bank on poles that are mostly noise loses more."""
     try:
-        found = estimate_of(setting, blueprint, x, solution, "", poles)
+        found = steps.estimate_of(setting, blueprint, x, solution, "", poles)
     except (TridentifyError, np.linalg.LinAlgError):
         return False
     judged = judged_poles(found, setting)
@@ -258,14 +244,14 @@ class Turn:
     """
 
     poles: Complex
-    blueprint: Blueprint
+    blueprint: layout.Blueprint
     move: bool
 
 
 def following(
     method: Planner,
-    setting: Setting,
-    blueprint: Blueprint,
+    setting: layout.Setting,
+    blueprint: layout.Blueprint,
     before: Complex,
     x: Array,
     samples: Array,
@@ -291,7 +277,7 @@ def following(
         Whether the samples begin in the middle.
     """
     try:
-        solution = yield from solving(setting, blueprint, x, before, choose=False, passes=1)
+        solution = yield from steps.solving(setting, blueprint, x, before, choose=False, passes=1)
     except (TridentifyError, np.linalg.LinAlgError):
         return None
     poles = solution.point.poles
@@ -309,7 +295,7 @@ def following(
         newest = _remembered(samples, factor)
         if len(newest) < len(samples):
             samples, begun_anew = newest, True
-            begin = NuisanceColumns.of(setting.structure, True)
+            begin = layout.NuisanceColumns.of(setting.structure, True)
         better = yield from _found_better(setting, samples, begun_anew, solution, factor)
         to = None if better is None else better.poles
     if to is None and early and not certain:
@@ -321,11 +307,13 @@ def following(
         return (yield from launching(method, setting, to, begin, samples, scale, reference))[0]
     yield
     if distance <= NEAR and (early or not kept):
-        turned = with_directions(blueprint, directions_of(setting, blueprint, solution))
+        turned = layout.with_directions(
+            blueprint, steps.directions_of(setting, blueprint, solution)
+        )
         return Turn(poles, turned, False)
     base = poles if distance > NEAR else bank
     other = method.plan(setting, base, nuisance, False)
-    turned = with_directions(other, directions_of(setting, other, solution))
+    turned = layout.with_directions(other, steps.directions_of(setting, other, solution))
     return Turn(poles, turned, distance > NEAR)
 
 
@@ -333,10 +321,10 @@ def turned(state: State, turn: Turn) -> State:
     """The estimator after a turn."""
     x, stage = state
     setting, old = stage.setting, stage.blueprint
-    own = coefficients_of_directions(setting)
+    own = steps.coefficients_of_directions(setting)
     now, before = (from_directions(setting, one) for one in (turn.poles, stage.poles))
     move = np.asarray(np.linalg.solve(before, now), dtype=np.float64)
-    turn_scatter(old, x, own, move)
+    scatter.turn_scatter(old, x, own, move)
     past = stage.past
     if turn.move:
         x, past = moved(old, x, turn.blueprint), ()
@@ -351,7 +339,11 @@ def _remembered(samples: Array, factor: float) -> Array:
 
 
 def _found_better(
-    setting: Setting, samples: Array, begun_anew: bool, solution: StepsEnd, factor: float
+    setting: layout.Setting,
+    samples: Array,
+    begun_anew: bool,
+    solution: Finished,
+    factor: float,
 ) -> Slices[FoundPoles | None]:
     """What a search of the kept samples finds, if it explains them clearly better.
 

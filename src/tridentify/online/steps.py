@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from tridentify.errors import ZeroOutputError
 from tridentify.estimation.answer.assemble import Request, assemble
-from tridentify.estimation.answer.estimate import Estimate, Status, Step, Trace
+from tridentify.estimation.answer.estimate import Estimate, Step, Trace
 from tridentify.estimation.likelihood.answer import Ending, solved_at
+from tridentify.estimation.likelihood.choose_nuisance import Finished
 from tridentify.estimation.likelihood.cost import Point, evaluate_variant
 from tridentify.estimation.likelihood.levenberg_marquardt import Recorder, criterion, finishing
 from tridentify.estimation.likelihood.linear_columns import linear_blocks
@@ -34,18 +35,6 @@ PASSES = 4
 """Adapted passes at most: from the poles of the tick before one or two do."""
 
 
-@dataclass(frozen=True, eq=False)
-class StepsEnd:
-    """Where the steps ended, with one choice of nuisance terms."""
-
-    point: Point
-    status: Status
-    why: str
-    nuisances: Nuisances
-    recorder: Recorder
-    criterion: float
-
-
 def problem_of(setting: Setting, blueprint: Blueprint, x: Array) -> Problem:
     """The problem behind the triangles."""
     summary = summarise(blueprint, x)
@@ -62,7 +51,7 @@ def solve_steps(
     *,
     choose: bool,
     passes: int = PASSES,
-) -> StepsEnd:
+) -> Finished:
     """Steps 1 and 2 with filter and basis re-adapted, to the minimum of the output error.
 
     Parameters
@@ -96,7 +85,7 @@ def solving(
     *,
     choose: bool,
     passes: int = PASSES,
-) -> Slices[StepsEnd]:
+) -> Slices[Finished]:
     """`solve_steps` in slices."""
     base = problem_of(setting, blueprint, x)
     if not np.all(base.size > 0.0) or smallest_channel(blueprint, x) < slots.SMALLEST:
@@ -156,7 +145,7 @@ def _others(setting: Setting, full: Nuisances, begun_anew: bool) -> Sequence[Nui
 
 def _solved(
     base: Problem, nuisances: Nuisances, constants: Array | None, poles: Complex, passes: int
-) -> Slices[StepsEnd]:
+) -> Slices[Finished]:
     variant = _variant(nuisances, constants)
     recorder = Recorder()
     admissible, _ = base.admissible(poles)
@@ -169,17 +158,17 @@ def _solved(
     yield
     start = at(admissible)
     point, status, why = yield from finishing(at, start, recorder, settled=SETTLED_LONG)
-    return StepsEnd(point, status, why, nuisances, recorder, criterion(point))
+    return Finished(nuisances, point, status, why, criterion(point), recorder)
 
 
-def directions_of(setting: Setting, blueprint: Blueprint, solution: StepsEnd) -> Array:
+def directions_of(setting: Setting, blueprint: Blueprint, solution: Finished) -> Array:
     """Sensitivities of the outputs to the coefficients and a constant, on the running columns.
 
     Parameters
     ----------
     setting : Setting
     blueprint : Blueprint
-    solution : StepsEnd
+    solution : Finished
         With all nuisance terms of the blueprint.
 
     Returns
@@ -224,7 +213,7 @@ def estimate_of(
     setting: Setting,
     blueprint: Blueprint,
     x: Array,
-    solution: StepsEnd,
+    solution: Finished,
     method: str,
     poles: Complex,
 ) -> Estimate:

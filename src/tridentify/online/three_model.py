@@ -57,30 +57,12 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.methods.base import check_count
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.threads import one_blas_thread
+from tridentify.online import launch, layout
 from tridentify.online.asked import check_above_zero, check_choice, check_forgetting, not_ready
 from tridentify.online.estimator import CompiledKernels, check_asked, kept_samples
 from tridentify.online.findings import with_findings
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.slots import DIRECTIONAL, EXPONENTIAL
-from tridentify.online.launch import (
-    Launch,
-    Planner,
-    Turn,
-    following,
-    launched,
-    reference_of,
-    searching_launch,
-    turned,
-)
-from tridentify.online.layout import (
-    Blueprint,
-    NuisanceColumns,
-    Setting,
-    Stage,
-    collecting,
-    fresh,
-    parallel,
-)
 from tridentify.online.scatter import wonted
 from tridentify.online.search import DOUBTED, TRIED, checked_start, first_try, poles_of_start
 from tridentify.online.starting import (
@@ -119,7 +101,7 @@ KINDS = {"exponential": EXPONENTIAL, "directional": DIRECTIONAL}
 
 
 @dataclass(frozen=True)
-class ThreeModel(Planner):
+class ThreeModel(launch.Planner):
     """The three-model strategy, one sample at a time.
 
     Parameters
@@ -184,24 +166,26 @@ class ThreeModel(Planner):
         check_count("samples", self.samples, LEAST_SAMPLES)
         check_above_zero("clock", self.clock, "seconds")
 
-    def begin(self, setting: Setting) -> State:
+    def begin(self, setting: layout.Setting) -> State:
         """The state before the first sample."""
         if self.start is None:
             return waiting(self, setting)
         poles = poles_of_start(self.start, setting)
-        blueprint = self.plan(setting, poles, NuisanceColumns.of(setting.structure, False), True)
-        x = fresh(blueprint)
+        blueprint = self.plan(
+            setting, poles, layout.NuisanceColumns.of(setting.structure, False), True
+        )
+        x = layout.fresh(blueprint)
         x[slots.TICK] = first_try(setting)
-        return State(x, Stage(self, setting, blueprint, poles, searching=False))
+        return State(x, layout.Stage(self, setting, blueprint, poles, searching=False))
 
-    def rebuilt(self, setting: Setting, blueprint: Blueprint) -> Blueprint:
+    def rebuilt(self, setting: layout.Setting, blueprint: layout.Blueprint) -> layout.Blueprint:
         """The plan of a blueprint from a file, made again."""
         if not blueprint.poles.size:
-            return collecting(setting)
+            return layout.collecting(setting)
         poles = blueprint.poles[: setting.n_poles]
         if not np.array_equal(blueprint.poles, np.tile(poles, REPEATS)):
             raise ValueError(f"a bank that is not {setting.n_poles} poles {REPEATS} times")
-        nuisance = NuisanceColumns.of(setting.structure, blueprint.nuisance.free)
+        nuisance = layout.NuisanceColumns.of(setting.structure, blueprint.nuisance.free)
         return self.plan(setting, poles, nuisance, bool(blueprint.ints[slots.CHUNK]))
 
     def is_ready(self, state: State) -> bool:
@@ -239,21 +223,23 @@ class ThreeModel(Planner):
     def _task(self, state: State) -> Task:
         """The work that is under way, from its beginning."""
         x, stage = state
-        setting, reference = stage.setting, reference_of(state)
+        setting, reference = stage.setting, launch.reference_of(state)
         count, begun_anew = int(x[slots.WORK_AT]), x[slots.COUNT] > len(kept_samples(state))
         samples = self._samples(state)[:count]
         if stage.searching:
             full = count >= self.samples
-            return Task(searching_launch, self, setting, samples, begun_anew, full, reference)
+            return Task(
+                launch.searching_launch, self, setting, samples, begun_anew, full, reference
+            )
         plan = (self, setting, stage.blueprint, stage.poles, stage.extra[0])
         if x[slots.SUSPECT]:
             witness = _witness(stage)
             old = unpacked(witness) if witness else None
             before = self._before(state)
             return Task(trying, *plan, before, samples, reference, old, not x[slots.LOOK])
-        return Task(following, *plan, samples, reference, begun_anew)
+        return Task(launch.following, *plan, samples, reference, begun_anew)
 
-    def _gone_on(self, state: State, found: Launch | Turn | Look | None) -> State:
+    def _gone_on(self, state: State, found: launch.Launch | launch.Turn | Look | None) -> State:
         """What the work has come to."""
         x, stage = state
         samples = self._samples(state)
@@ -262,8 +248,8 @@ class ThreeModel(Planner):
         if x[slots.SUSPECT]:
             assert isinstance(found, Look)
             return self._judged(state, found, samples, rest)
-        if isinstance(found, Launch):
-            x, new = launched(self, state, found, rest)
+        if isinstance(found, launch.Launch):
+            x, new = launch.launched(self, state, found, rest)
             if stage.searching:
                 return State(x, new)
             return self._looking(State(x, new.but(extra=_witness(stage))), found.certain)
@@ -274,7 +260,9 @@ class ThreeModel(Planner):
             return state
         x[slots.TICK], x[slots.OWN_TICK] = self.next_tick(x, stage.setting), 0.0
         state = State(x, state.stage.but(extra=_witness(stage)))
-        return self._looking(turned(state, found) if isinstance(found, Turn) else state, True)
+        return self._looking(
+            launch.turned(state, found) if isinstance(found, launch.Turn) else state, True
+        )
 
     # ------------------------------------------------------------------------------- a change
     def _looking(self, state: State, certain: bool) -> State:
@@ -322,7 +310,7 @@ class ThreeModel(Planner):
         if found.launch is not None:
             changed = stage.but(changes=(*stage.changes, int(x[slots.SUSPECT]) - 1))
             if self.on_change == "restart":
-                state = launched(self, State(x, changed), found.launch, rest)
+                state = launch.launched(self, State(x, changed), found.launch, rest)
             else:
                 state = self._dropped(State(x, changed), found.after)
             x = state.values
@@ -397,22 +385,22 @@ class ThreeModel(Planner):
         x, stage = state
         if x[slots.WORK_DONE]:
             found = (stage.task or self._task(state)).result()
-            if isinstance(found, Launch):
+            if isinstance(found, launch.Launch):
                 rest = kept_samples(state)[len(found.samples) :]
                 with one_blas_thread():
-                    return launched(self, State(x.copy(), stage), found, rest)
+                    return launch.launched(self, State(x.copy(), stage), found, rest)
         raise not_ready(int(x[slots.COUNT]), "are still searched for a model")
 
     # ---------------------------------------------------------------------------- the slow clock
     def plan(
-        self, setting: Setting, poles: Complex, nuisance: NuisanceColumns, keep: bool
-    ) -> Blueprint:
+        self, setting: layout.Setting, poles: Complex, nuisance: layout.NuisanceColumns, keep: bool
+    ) -> layout.Blueprint:
         """Step 1 on poles, each as often as a move of them asks for; ``keep``: with the samples."""
-        return parallel(
+        return layout.parallel(
             setting, np.tile(poles, REPEATS), nuisance, keep, self.forgetting, KINDS[self.forget]
         )
 
-    def next_tick(self, x: Array, setting: Setting) -> float:
+    def next_tick(self, x: Array, setting: layout.Setting) -> float:
         """Sample at which the clock ticks next."""
         if self.clock is not None:
             return float(x[slots.COUNT] + max(round(self.clock / setting.dt), 1))
@@ -422,6 +410,6 @@ class ThreeModel(Planner):
         return float(x[slots.COUNT] + max(np.ceil(wait), SHORTEST_TICK // 2))
 
 
-def _witness(stage: Stage) -> tuple[Array, ...]:
+def _witness(stage: layout.Stage) -> tuple[Array, ...]:
     """What earlier looks at changes have come to, packed; none before the first."""
     return stage.extra[len(stage.extra) % 2 :]

@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from typing import Literal
 
-from tridentify.errors import OptionError, shown
+from tridentify.errors import OptionError
 from tridentify.physical.model import PhysicalModel, PhysicalParameter, Values
 from tridentify.structure import Structure
 
@@ -126,9 +126,8 @@ def dc_motor(outputs: MotorOutputs = "speed") -> PhysicalModel:
     [12.0, 20.02, 2.0]
     """
     if outputs not in ("speed", "angle", "current", "both"):
-        raise OptionError(
-            f"found outputs={shown(outputs)}; expected 'speed', 'angle', 'current' or 'both'; "
-            "choose one"
+        raise OptionError.found(
+            "outputs=", outputs, "'speed', 'angle', 'current' or 'both'", "choose one"
         )
     names = ("speed", "current") if outputs == "both" else (outputs,)
     where = {name: f"[{name},voltage]" if outputs == "both" else "" for name in names}

@@ -115,9 +115,7 @@ def estimate_physical(
     [2.0, 1.0, 8.0]
     """
     if fit not in ("likelihood", "distance"):
-        raise OptionError(
-            f"found fit={shown(fit)}; expected 'likelihood' or 'distance'; choose one"
-        )
+        raise OptionError.found("fit=", fit, "'likelihood' or 'distance'", "choose one")
     held = checked_known(model, known or {})
     listed = [records] if isinstance(records, Record) else list(records)
     chosen = [_arranged(model, record, channels or {}) for record in listed]
@@ -158,9 +156,8 @@ def checked_known(
         positive = model.parameters[model.names.index(name)].positive
         if not usable or pair[1] < 0 or (positive and pair[0] <= 0):
             wanted = "a positive value" if positive else "a finite value"
-            raise PhysicalParameterError(
-                f"found {name}={shown(given)}; expected {wanted}, or (value, standard deviation); "
-                "correct it"
+            raise PhysicalParameterError.found(
+                f"{name}=", given, f"{wanted}, or (value, standard deviation)"
             )
         found[name] = (float(pair[0]), float(pair[1]))
     return found

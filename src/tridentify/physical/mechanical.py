@@ -29,7 +29,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from tridentify.errors import OptionError, shown
+from tridentify.errors import OptionError
 from tridentify.physical.model import PhysicalModel, PhysicalParameter, Values
 from tridentify.structure import Structure
 
@@ -106,9 +106,7 @@ def dutch_roll(
      'b1[r,rudder]': -2.0, 'b0[r,rudder]': -0.2}
     """
     if control not in ("rudder", "aileron"):
-        raise OptionError(
-            f"found control={shown(control)}; expected 'rudder' or 'aileron'; choose one"
-        )
+        raise OptionError.found("control=", control, "'rudder' or 'aileron'", "choose one")
     parameters = [
         PhysicalParameter("Y_beta", "1/s", "side force due to sideslip", guess=-0.2),
         PhysicalParameter("Y_delta", "1/s", f"side force due to {control}", guess=0.05),

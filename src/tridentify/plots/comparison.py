@@ -14,18 +14,10 @@ from tridentify.estimation.answer.parameter import Parameter
 from tridentify.judgement.comparison.entries import Models
 from tridentify.judgement.comparison.quantities import Quantity, quantities
 from tridentify.numerics.arrays import Array
+from tridentify.plots import style
 from tridentify.plots.bode import default_frequencies, draw_magnitudes
 from tridentify.plots.lines import Line, lines_of, named_first
 from tridentify.plots.over_time import wrapped
-from tridentify.plots.style import (
-    BLACK,
-    Panels,
-    cycle_colour,
-    dress,
-    literal,
-    make_axes,
-    place_above,
-)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,7 +40,7 @@ def plot_comparison(
     *,
     truth: Mapping[str, float] | None = None,
     axes: Sequence[Axes] | Axes | None = None,
-) -> Panels:
+) -> style.Panels:
     """Draw what several models say, each number with its 95 % interval, relative to one value.
 
     Models of the same orders are compared coefficient by coefficient. The coefficients of models of
@@ -110,7 +102,7 @@ def plot_comparison(
     height = 0.9 + len(rows) * max(0.18 + 0.16 * tall, 0.16 * len(lines) + 0.1)
     named = named_first(lines)
     channels = list(product(range(len(named.output_names)), range(len(named.input_names))))
-    drawn = make_axes(axes, [height, *([MAGNITUDE] * len(channels) if across else [])])
+    drawn = style.make_axes(axes, [height, *([MAGNITUDE] * len(channels) if across else [])])
     centre, half = _relative(columns, rows, origins)
     _draw_numbers(drawn[0], labels, centre, half, texts)
     start = "the truth" if truth else "the first"
@@ -146,14 +138,14 @@ def _draw_numbers(
 ) -> None:
     reach = _reach(centre, half)
     ax.set_xlim(-reach, reach)
-    ax.axvline(0.0, color=BLACK, linewidth=0.9, linestyle="--")
+    ax.axvline(0.0, color=style.BLACK, linewidth=0.9, linestyle="--")
     places = np.arange(len(texts), dtype=np.float64)
     for k, label in enumerate(labels):
         offset = 0.76 * ((k + 0.5) / len(labels) - 0.5)
         _draw(ax, offset + places, centre[k], half[k], k, label, reach)
     for y in range(1, len(texts)):
         ax.axhline(y - 0.5, color="#d8d8d8", linewidth=0.6)
-    dress(ax)
+    style.dress(ax)
     ax.set_ylim(len(texts) - 0.5, -0.5)
     ax.xaxis.get_offset_text().set_fontsize(8)
     ax.set_yticks(range(len(texts)), list(texts), fontsize=9)
@@ -216,12 +208,12 @@ def _reach(centre: Array, half: Array) -> float:
 
 
 def _draw(ax: Axes, y: Array, centre: Array, half: Array, k: int, label: str, reach: float) -> None:
-    colour, marker = cycle_colour(k), MARKERS[k % len(MARKERS)]
+    colour, marker = style.cycle_colour(k), MARKERS[k % len(MARKERS)]
     low, high = centre - half[:, 0], centre + half[:, 1]
     known = np.isfinite(low) & np.isfinite(high)
     ends = np.maximum(low[known], -2 * reach), np.minimum(high[known], 2 * reach)
     ax.hlines(y[known], *ends, color=colour, linewidth=1.8, alpha=0.8)
-    ax.plot(centre, y, marker, markersize=5, color=colour, label=literal(label))
+    ax.plot(centre, y, marker, markersize=5, color=colour, label=style.literal(label))
     for side, beyond in ((-1.0, low < -reach), (1.0, high > reach)):
         at = np.full(int(beyond.sum()), side * 0.985 * reach)
         ax.plot(at, y[beyond], "<" if side < 0 else ">", markersize=5, color=colour)
@@ -231,11 +223,11 @@ def _row(name: str, value: float, size: float, relative: bool) -> str:
     text = f"{wrapped(name, 30)}\n{value:.4g}"
     if len(name) < 8:
         text = text.replace("\n", " = ")
-    return literal(text if relative else f"{text}\n100 % = {size:.2g}")
+    return style.literal(text if relative else f"{text}\n100 % = {size:.2g}")
 
 
 def _legend(ax: Axes, labels: Sequence[str]) -> None:
     """Above the axes, in as many columns as fit."""
     longest = max(len(label) for label in labels)
     columns = max(1, min(len(labels), NARROW // (longest + 6)))
-    place_above(ax, "lower left", columns, handlelength=1.2)
+    style.place_above(ax, "lower left", columns, handlelength=1.2)

@@ -151,9 +151,7 @@ def _filter_of(estimate: Estimate, pass_number: int | None) -> Array:
     """Coefficients of the pass whose denominator filters Step 2."""
     passes = {one.number: one for one in estimate.trace.passes}
     if pass_number is not None and pass_number not in passes:
-        raise OptionError(
-            f"found pass_number={shown(pass_number)}; expected one of {list(passes)}; correct it"
-        )
+        raise OptionError.found("pass_number=", pass_number, f"one of {list(passes)}")
     theta = np.array(estimate.theta)
     if passes:
         found = np.asarray(passes[_number(estimate, pass_number)].theta)

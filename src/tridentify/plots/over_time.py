@@ -20,21 +20,8 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.comparison.entries import Models
 from tridentify.numerics import delta_method
 from tridentify.numerics.arrays import Array
+from tridentify.plots import style
 from tridentify.plots.lines import Line, band_label, lines_of, named_first, numbers
-from tridentify.plots.style import (
-    GREY,
-    Panels,
-    Shown,
-    channel,
-    channel_unit,
-    dress,
-    in_brackets,
-    legend,
-    legend_columns,
-    literal,
-    make_axes,
-    scientific,
-)
 from tridentify.transfer_function import TransferFunction
 from tridentify.uncertainty import (
     ImpulseBand,
@@ -67,7 +54,7 @@ AIR = 0.6
 """How far a band may reach beyond the line, as a share of the line's range."""
 
 
-def default_times(*shown: Shown, final: float | None = None) -> Array:
+def default_times(*shown: style.Shown, final: float | None = None) -> Array:
     """Times over which all models settle, finer at the beginning where one has fast modes.
 
     Parameters
@@ -107,7 +94,7 @@ def default_times(*shown: Shown, final: float | None = None) -> Array:
     return grid if final is None else np.append(grid[grid < final], final)
 
 
-def _length(one: Shown) -> float:
+def _length(one: style.Shown) -> float:
     """Mean length of the experiments, where they are known [s]."""
     estimate = one if isinstance(one, Estimate) else getattr(one, "estimate", None)
     if estimate is None:
@@ -249,13 +236,13 @@ def plot_replies(
     level: float,
     reply: Reply,
     axes: Sequence[Axes] | Axes | None,
-) -> tuple[Panels, tuple[Line, ...]]:
+) -> tuple[style.Panels, tuple[Line, ...]]:
     """The picture of one kind of reply but for its legend and what is particular to it."""
     example = f"{reply.name}(estimate) or {reply.name}([one, other])"
     lines = lines_of(models, names, example, axes)
     times, courses = _courses(lines, t, level, reply)
     channels = lines[0].model.n_outputs * lines[0].model.n_inputs
-    drawn = make_axes(axes, [2.1] * channels)
+    drawn = style.make_axes(axes, [2.1] * channels)
     draw_courses(drawn, times, courses, level, reply.power)
     drawn[-1].set_xlabel(f"time after the {reply.to} [s]", fontsize=9)
     return drawn, lines
@@ -302,7 +289,9 @@ def _draw_course(
         label = band_label(ax, level)
         low, high = np.where(sound, low, np.nan), np.where(sound, high, np.nan)
         ax.fill_between(t, low, high, color=own.colour, alpha=own.opacity, linewidth=0, label=label)
-    ax.plot(t, line, color=own.colour, linestyle=own.dash, linewidth=1.5, label=literal(own.label))
+    ax.plot(
+        t, line, color=own.colour, linestyle=own.dash, linewidth=1.5, label=style.literal(own.label)
+    )
     seen = line[np.isfinite(line)]
     if not seen.size:
         return -1.0, 1.0
@@ -315,7 +304,7 @@ def _draw_course(
     return floor - 0.06 * reach, ceiling + 0.06 * reach
 
 
-def name_channel(ax: Axes, estimate: Shown, output: int, input_: int, power: int) -> None:
+def name_channel(ax: Axes, estimate: style.Shown, output: int, input_: int, power: int) -> None:
     """Title and label of one channel; its unit is that of the output over that of the input.
 
     Parameters
@@ -326,10 +315,10 @@ def name_channel(ax: Axes, estimate: Shown, output: int, input_: int, power: int
     power : int
         Seconds in the unit's denominator.
     """
-    title = literal(wrapped(channel(estimate, output, input_)))
-    unit = in_brackets(channel_unit(estimate, output, input_, power))
-    dress(ax, title=title, ylabel=literal(f"response{unit}"))
-    scientific(ax)
+    title = style.literal(wrapped(style.channel(estimate, output, input_)))
+    unit = style.in_brackets(style.channel_unit(estimate, output, input_, power))
+    style.dress(ax, title=title, ylabel=style.literal(f"response{unit}"))
+    style.scientific(ax)
 
 
 def wrapped(text: str, width: int = 60) -> str:
@@ -353,7 +342,7 @@ def plot_step(
     names: Sequence[str] | None = None,
     level: float = 0.95,
     axes: Sequence[Axes] | Axes | None = None,
-) -> Panels:
+) -> style.Panels:
     """Draw the response to a unit step of each input, with a pointwise confidence band.
 
     Parameters
@@ -397,10 +386,10 @@ def plot_step(
             stable = np.all(np.roots(line.model.den[i][j]).real < 0)
             if np.isfinite(gain[i, j]) and stable:
                 label = None if line.number else "static gain"
-                colour = GREY if line.together == 1 else line.colour
+                colour = style.GREY if line.together == 1 else line.colour
                 dash = "--" if line.together == 1 else ":"
                 ax.axhline(gain[i, j], color=colour, linewidth=0.9, linestyle=dash, label=label)
-    legend(drawn[0], columns=legend_columns(drawn[0]))
+    style.legend(drawn[0], columns=style.legend_columns(drawn[0]))
     return drawn
 
 
@@ -421,7 +410,7 @@ def plot_impulse(
     names: Sequence[str] | None = None,
     level: float = 0.95,
     axes: Sequence[Axes] | Axes | None = None,
-) -> Panels:
+) -> style.Panels:
     """Draw the response to a unit impulse of each input, with a pointwise confidence band.
 
     Parameters
@@ -461,7 +450,7 @@ def plot_impulse(
     drawn, lines = plot_replies(models, names, t, level, IMPULSE, axes)
     for k, ax in enumerate(drawn):
         _tell_direct(ax, lines, *divmod(k, lines[0].model.n_inputs))
-    legend(drawn[0], columns=legend_columns(drawn[0]))
+    style.legend(drawn[0], columns=style.legend_columns(drawn[0]))
     return drawn
 
 
@@ -476,4 +465,4 @@ def _tell_direct(ax: Axes, lines: Sequence[Line], output: int, input_: int) -> N
     if told:
         behind = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5}
         corner: dict[str, Any] = {"transform": ax.transAxes, "ha": "right", "va": "top"}
-        ax.text(0.985, 0.95, literal("\n".join(told)), fontsize=9, bbox=behind, **corner)
+        ax.text(0.985, 0.95, style.literal("\n".join(told)), fontsize=9, bbox=behind, **corner)

@@ -36,8 +36,6 @@ from tridentify.record.formats.time_names import epoch_unit, unit_in_name
 from tridentify.record.record import Record
 from tridentify.writing.layout import printable
 
-__all__ = ["LongRecord", "open_record"]
-
 CHUNK = 1 << 18
 """Samples of a part: 2 MB a channel, so that a dozen of parts and the columns of a block stay far
 below 100 MB; and long enough that reading one costs no more than its bytes."""
@@ -317,9 +315,8 @@ def open_record(
         tuple(inputs), tuple(outputs), None if dt is not None else named, dt, intersample, units
     )
     if source.n_samples < 2:
-        raise TooFewSamplesError(
-            f"found {source.n_samples} sample in {shown(source.path.name)}; expected at least two; "
-            "record longer"
+        raise TooFewSamplesError.found(
+            f"{source.n_samples} sample in ", source.path.name, "at least two", "record longer"
         )
     head = _head(source, wanted)
     step = float(dt) if dt is not None else _uniform_step(source, str(named), wanted, chunk)

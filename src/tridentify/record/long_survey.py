@@ -18,8 +18,6 @@ from tridentify.record.checks.samples import check_inputs, check_outputs
 from tridentify.record.long_record import LongRecord, Told
 from tridentify.record.record import Record
 
-__all__ = ["Survey", "survey"]
-
 COARSE = 20_000
 """Samples of the whole record averaged over blocks, for dynamics slower than a stretch shows."""
 

@@ -8,7 +8,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from tridentify.errors import DataWarning, OptionError, ResampleError, shown
+from tridentify.errors import DataWarning, OptionError, ResampleError
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.interpolation import FEWEST, lowpass
 from tridentify.record.checks.rates import evaluated, filtered, interpolate
@@ -172,9 +172,7 @@ class Resampled(Samples):
         True
         """
         if not isinstance(factor, int) or isinstance(factor, bool) or factor < 2:
-            raise OptionError(
-                f"found factor={shown(factor)}; expected a whole number of at least 2; correct it"
-            )
+            raise OptionError.found("factor=", factor, "a whole number of at least 2")
         if self.dt is None:
             raise ResampleError(
                 "found a time axis that is not uniform; expected a uniform one to filter; identify "

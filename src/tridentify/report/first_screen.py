@@ -141,7 +141,7 @@ def trust_of(estimate: Estimate, findings: Sequence[Finding], tested: bool = Tru
         others = [CODES[one.code] for one in doubts if CODES[one.code] not in headline]
         return f"Besides: {'; '.join(list(dict.fromkeys(others))[:2])}." if others else ""
     if estimate.status is not Status.CONVERGED:
-        said.append(_sentence(estimate.status.message))
+        said.append(as_sentence(estimate.status.message))
     if doubts:
         errors = all(finding.code in ABOUT_NOISE for finding in doubts)
         wrong = any(finding.severity == "error" for finding in doubts)
@@ -163,7 +163,8 @@ def trust_of(estimate: Estimate, findings: Sequence[Finding], tested: bool = Tru
     return " ".join(said)
 
 
-def _sentence(text: str) -> str:
+def as_sentence(text: str) -> str:
+    """With a capital and a full stop."""
     return f"{text[:1].upper()}{text[1:].rstrip('.')}."
 
 
@@ -186,16 +187,22 @@ def key_numbers(estimate: Estimate) -> list[KeyNumber]:
     fits = [f"{fit:.1f}" for fit in estimate.fit]
     label = f"fit of {title_names(estimate.output_names)}"
     found = [KeyNumber(label, " / ".join(fits[:3]) + (" ..." if len(fits) > 3 else ""), "", "%")]
+    first, others = in_order(estimate)
+    for item in (*first, *others):
+        if len(found) < NUMBERS and _is_result(item):
+            found.append(key_number(item))
+    return found
+
+
+def in_order(estimate: Estimate) -> tuple[list[Parameter], list[Parameter]]:
+    """A delay, the slowest mode and the gain; and the coefficients that follow them."""
     coefficients = list(estimate.parameters.values())
     delays = [item for item in coefficients if item.name.startswith("delay")]
     quantities = [item for item in derived(estimate) if not item.name.startswith("real pole")]
     gains = [item for item in quantities if item.name.startswith("dc gain")]
     modes = [item for item in quantities if item not in gains][:2]
     others = [item for item in coefficients if item not in delays]
-    for item in (*delays[:1], *modes, *gains[:1], *others):
-        if len(found) < NUMBERS and _is_result(item):
-            found.append(key_number(item))
-    return found
+    return [*delays[:1], *modes, *gains[:1]], others
 
 
 def key_number(item: Parameter) -> KeyNumber:

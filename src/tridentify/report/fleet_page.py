@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import os
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tridentify.errors import TridentifyError
-from tridentify.fleet.run import QUARTILES, Run, coefficients
+from tridentify.fleet.run import QUARTILES, Run, coefficients, distribution
 from tridentify.numerics.arrays import Array
 from tridentify.plots.fleet import HEIGHT, plot_fleet
 from tridentify.report.first_screen import KeyNumber
@@ -151,13 +153,8 @@ def _coefficient_section(
 ) -> Section | None:
     if not names:
         return None
-    errors = np.median(np.stack(good["standard_errors"].to_list()), axis=0)
-    ends = np.quantile(values, QUARTILES, axis=0).T
     titles = ("coefficient", *(f"{100 * q:.0f} %" for q in QUARTILES), "std error of one", "")
-    rows = [
-        (name, *(format_value(v, s) for v in row.tolist()), f"{s:.2g}", "")
-        for name, row, s in zip(names, ends, errors.tolist(), strict=True)
-    ]
+    rows = [(*row, "") for row in distribution(names, values, good)]
     sheet = Sheet([HEIGHT] * len(names), share=False)
     plot_fleet(run, axes=sheet.axes)
     drawing = Drawing(
@@ -244,14 +241,12 @@ def _failure_section(failed: Any) -> Section:
 
 
 def _caution_section(rows: Any) -> Section | None:
-    counts: dict[str, int] = {}
-    for codes in rows["cautions"].to_list():
-        for code in codes:
-            counts[code] = counts.get(code, 0) + 1
+    counts = Counter(chain.from_iterable(rows["cautions"].to_list()))
     if not counts:
         return None
-    ordered = sorted(counts.items(), key=lambda pair: -pair[1])
-    body = [(code, str(n), f"{100 * n / rows.height:.2g} %", "") for code, n in ordered]
+    body = [
+        (code, str(n), f"{100 * n / rows.height:.2g} %", "") for code, n in counts.most_common()
+    ]
     table = ReportTable("Findings that matter", ("code", "units", "share", ""), body, 1)
     return Section("cautions", "Cautions", tables=[table])
 
@@ -260,12 +255,7 @@ def _common_sections(run: Run) -> list[Section | None]:
     found: list[Section | None] = []
     common, pool = run.common, run.population
     if common is not None:
-        rows = [
-            (name, format_value(v, s), f"{s:.2g}", "")
-            for name, v, s in zip(
-                common.names, common.theta.tolist(), common.std.tolist(), strict=True
-            )
-        ]
+        rows = [(*row, "") for row in common.table()]
         table = ReportTable(
             f"{common.n_units} units, {common.n_samples} samples",
             ("coefficient", "value", "std error", ""),
@@ -276,12 +266,7 @@ def _common_sections(run: Run) -> list[Section | None]:
         )
         found.append(Section("together", "One model for all", tables=[table]))
     if pool is not None:
-        rows = [
-            (name, f"{m:.5g}", f"{100 * s:.2g} %" if log else f"{s:.2g}", "")
-            for name, m, s, log in zip(
-                pool.names, pool.mean.tolist(), pool.spread.tolist(), pool.logarithmic, strict=True
-            )
-        ]
+        rows = [(*row, "") for row in pool.table()]
         table = ReportTable(
             f"{len(pool.keys)} units, {len(pool.outliers)} of them deviate",
             ("coefficient", "centre", "spread", ""),

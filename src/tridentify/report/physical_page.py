@@ -17,25 +17,8 @@ from tridentify.estimation.answer.trust import HEADS, class_of, unusable
 from tridentify.judgement.validation.residuals import look
 from tridentify.physical import PhysicalEstimate
 from tridentify.record.record import Record
+from tridentify.report import first_screen, html
 from tridentify.report.figures import fits_of_view, model_pictures, tests_pictures
-from tridentify.report.first_screen import (
-    NUMBERS,
-    KeyNumber,
-    fits_in_words,
-    key_number,
-    subtitle_of,
-    title_of,
-    trust_of,
-)
-from tridentify.report.html import (
-    Progress,
-    checked_on,
-    ends,
-    model_section,
-    settled,
-    validation_section,
-    write_page,
-)
 from tridentify.report.page import Page, Section, beside
 from tridentify.report.pictures import Picture
 from tridentify.report.tables import ReportTable, quantity_table
@@ -58,7 +41,7 @@ def write_physical_report(
     *,
     title: str | None = None,
     figures: str | os.PathLike[str] | None = None,
-    progress: Progress | None = None,
+    progress: html.Progress | None = None,
 ) -> Path:
     """Write the physical parameters, what speaks against the map, and the coefficients behind them.
 
@@ -85,35 +68,35 @@ def write_physical_report(
     OutputPathError
         The file cannot be written; nothing is left behind.
     """
-    page = _physical_page(found, settled(found.estimate, record), title, progress)
-    return write_page(page, path, figures)
+    page = _physical_page(found, html.settled(found.estimate, record), title, progress)
+    return html.write_page(page, path, figures)
 
 
 def _physical_page(
     found: PhysicalEstimate,
     records: Sequence[Record],
     title: str | None,
-    progress: Progress | None,
+    progress: html.Progress | None,
 ) -> Page:
     """Judge the free coefficients, draw the figures and put the page together."""
     say = progress or (lambda _: None)
     free = found.estimate
     say("testing the residual")
-    checked, untested = checked_on(free, records)
+    checked, untested = html.checked_on(free, records)
     say("writing the report and the figures")
     tests = () if checked is None else tests_pictures(checked)
     model = model_pictures(free, records)
     # what this page is about stands before what the coefficients have against them
     others = joined(checked.findings if checked else (), free.findings)
     findings = (*contradictions(found), *others)
-    channels = title_of(free.output_names, free.input_names)
+    channels = first_screen.title_of(free.output_names, free.input_names)
     return Page(
         title or f"{found.model_name}: {channels}",
         "physical parameters",
-        subtitle_of(records),
+        first_screen.subtitle_of(records),
         class_of(free, findings),
         _physical_headline(found, findings),
-        trust_of(free, findings, checked is not None),
+        first_screen.trust_of(free, findings, checked is not None),
         beside_errors(free.status.remedy, findings),
         _physical_numbers(found),
         _fits_of_map(found, records) or [p for p in model if p.place == "fit"],
@@ -121,14 +104,14 @@ def _physical_page(
         (
             _parameter_section(found),
             _map_section(found),
-            replace(model_section(free), heading="Free coefficients, without the map"),
+            replace(html.model_section(free), heading="Free coefficients, without the map"),
             Section(
                 "figures",
                 "Responses and poles of the free coefficients",
                 figures=beside([p for p in model if p.place == "response"]),
             ),
-            validation_section(checked, tests, untested),
-            *ends(free, records),
+            html.validation_section(checked, tests, untested),
+            *html.ends(free, records),
         ),
         document_text("schema", SCHEMA, free).replace("<", "\\u003c"),
     )
@@ -166,15 +149,15 @@ def _physical_headline(found: PhysicalEstimate, findings: Sequence[Finding]) -> 
         return why
     head = HEADS[class_of(found.estimate, findings)]
     known = sum(np.isfinite(found.values))
-    fits = fits_in_words(found.estimate.output_names, found.fit.tolist())
+    fits = first_screen.fits_in_words(found.estimate.output_names, found.fit.tolist())
     return f"{head}: {known} of {len(found.names)} parameters are determined; they fit {fits}."
 
 
-def _physical_numbers(found: PhysicalEstimate) -> list[KeyNumber]:
+def _physical_numbers(found: PhysicalEstimate) -> list[first_screen.KeyNumber]:
     """Parameters and combinations that the record determines, the first of them."""
     every = [*found.parameters.values(), *found.combinations]
     asked = [item for item in every if np.isfinite(item.value) and item.std > 0]
-    return [key_number(item) for item in asked[:NUMBERS]]
+    return [first_screen.key_number(item) for item in asked[: first_screen.NUMBERS]]
 
 
 def _fits_of_map(found: PhysicalEstimate, records: Sequence[Record]) -> list[Picture]:

@@ -11,14 +11,8 @@ from tridentify.estimation.answer.trust import class_of
 from tridentify.judgement.selection import Selection
 from tridentify.plots import plot_hankel, plot_selection
 from tridentify.record.record import Record
+from tridentify.report import first_screen
 from tridentify.report.figures import identified_fits
-from tridentify.report.first_screen import (
-    fits_in_words,
-    key_numbers,
-    orders_in_words,
-    subtitle_of,
-    title_of,
-)
 from tridentify.report.html import model_section, settled, write_page
 from tridentify.report.page import Page, Section, beside
 from tridentify.report.pictures import Drawing, picture_of
@@ -65,14 +59,14 @@ def write_selection_report(
     """
     given = (record,) if isinstance(record, Record) else tuple(record)
     first = given[0]
-    heading = title or f"Orders of {title_of(first.output_names, first.input_names)}"
+    heading = title or f"Orders of {first_screen.title_of(first.output_names, first.input_names)}"
     return write_page(_selection_page(selection, given, heading), path, figures)
 
 
 def _selection_page(selection: Selection, given: Sequence[Record], heading: str) -> Page:
     row = selection.recommended
     estimate = None if row is None else row.estimate
-    named = heading, "selection of orders", subtitle_of(given)
+    named = heading, "selection of orders", first_screen.subtitle_of(given)
     sections = (
         _candidate_section(selection),
         Section("settings", "Data", settings=record_rows(given)),
@@ -80,14 +74,14 @@ def _selection_page(selection: Selection, given: Sequence[Record], heading: str)
     if estimate is None:
         head = "No structure is recommended."
         return Page(*named, "bad", head, selection.reason, sections=sections)
-    fits = fits_in_words(estimate.output_names, estimate.fit.tolist())
+    fits = first_screen.fits_in_words(estimate.output_names, estimate.fit.tolist())
     return Page(
         *named,
         class_of(estimate, estimate.findings),
-        f"Recommended: {orders_in_words(estimate.structure)}; the model fits {fits}.",
+        f"Recommended: {first_screen.orders_in_words(estimate.structure)}; the model fits {fits}.",
         selection.reason,
         "",
-        key_numbers(estimate),
+        first_screen.key_numbers(estimate),
         identified_fits(estimate, settled(estimate, given)),
         estimate.findings,
         (

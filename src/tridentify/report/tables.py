@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tridentify.estimation.answer.estimate import Estimate, Parameter, Start
+from tridentify.estimation.answer.estimate import Estimate, Parameter
 from tridentify.judgement.validation import Validation
 from tridentify.judgement.validation.result import Check
 from tridentify.uncertainty import DerivedQuantity, derived
@@ -118,9 +118,8 @@ def course_tables(estimate: Estimate) -> list[ReportTable]:
         after.append((str(item.number), *_filled(item.theta.tolist(), len(estimate.names))))
     measures = ("cost", "condition", "beta distance", "gradient")
     names = [short(name, IN_TABLES) for name in estimate.names]
-    starts = [
-        (s.name, f"{s.cost:.5g}", *_filled(s.theta.tolist(), len(names))) for s in _ranked(estimate)
-    ]
+    ranked = sorted(estimate.trace.starts, key=lambda start: start.cost)
+    starts = [(s.name, f"{s.cost:.5g}", *_filled(s.theta.tolist(), len(names))) for s in ranked]
     tables = (
         ReportTable("Passes", ("pass", "step", *measures, "note"), steps, 2, marked=tuple(ends)),
         ReportTable("Coefficients after each pass", ("pass", *names, ""), after),
@@ -133,10 +132,6 @@ def _filled(theta: Sequence[float], count: int) -> tuple[str, ...]:
     """Cells of coefficients and of the empty last column; blank for delays not yet estimated."""
     cells = [f"{value:.5g}" for value in theta]
     return (*cells, *[""] * (count - len(cells)), "")
-
-
-def _ranked(estimate: Estimate) -> list[Start]:
-    return sorted(estimate.trace.starts, key=lambda start: start.cost)
 
 
 QUESTIONS = {

@@ -41,8 +41,6 @@ from tridentify.record.checks.orders import (
 )
 from tridentify.structure.orders import Orders
 
-__all__ = ["AutoStructure", "InitialState", "Structure"]
-
 Choice = bool | Literal["auto"]
 InitialState = Literal["free", "rest", "equilibrium", "auto"]
 

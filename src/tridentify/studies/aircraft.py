@@ -171,10 +171,11 @@ class AircraftStudy:
         ):
             if value < lowest:
                 raise OptionError(f"found {what}={value}; expected at least {lowest}; raise it")
+        counts = [draws if ratio else 1 for ratio in self.ratios]
         batches = [
             _Batch(self, seed, length, level, first, min(first + BATCH, count))
             for length in range(len(self.lengths))
-            for level, count in enumerate(self._counts(draws))
+            for level, count in enumerate(counts)
             for first in range(0, count, BATCH)
         ]
         sizes = [batch.last - batch.first for batch in batches]
@@ -190,9 +191,6 @@ class AircraftStudy:
             progress(0, total)
         outcomes = run_batches(_estimate, batches, workers=processes, finished=finished)
         return self._result(draws, seed, batches, outcomes)
-
-    def _counts(self, draws: int) -> list[int]:
-        return [draws if ratio else 1 for ratio in self.ratios]
 
     def _result(
         self, draws: int, seed: int, batches: list[_Batch], outcomes: list[_AircraftOutcome]

@@ -17,7 +17,6 @@ from tridentify.uncertainty.frequency import (
     response_band,
     response_covariance,
 )
-from tridentify.uncertainty.impulse import ImpulseBand, impulse_band
 from tridentify.uncertainty.resampling import Bootstrap, Failure, bootstrap
 from tridentify.uncertainty.roots import DerivedQuantity, RootUncertainty, derived, poles, zeros
 from tridentify.uncertainty.sampled import (
@@ -33,7 +32,7 @@ from tridentify.uncertainty.sampled import (
     sampled_step_band,
     sampled_zeros,
 )
-from tridentify.uncertainty.step import StepBand, step_band
+from tridentify.uncertainty.step import ImpulseBand, StepBand, impulse_band, step_band
 
 __all__ = [
     "Bootstrap",

@@ -7,7 +7,7 @@ from statistics import NormalDist
 import numpy as np
 import numpy.typing as npt
 
-from tridentify.errors import OptionError, UnsupportedError, shown
+from tridentify.errors import OptionError, UnsupportedError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.numerics.arrays import Array
 
@@ -25,9 +25,7 @@ def checked_level(level: float) -> float:
     0.9
     """
     if isinstance(level, bool) or not isinstance(level, (int, float)) or not 0 < level < 1:
-        raise OptionError(
-            f"found level={shown(level)}; expected a probability between 0 and 1; write 0.95"
-        )
+        raise OptionError.found("level=", level, "a probability between 0 and 1", "write 0.95")
     return float(level)
 
 
@@ -56,9 +54,7 @@ def checked_times(t: npt.ArrayLike) -> Array:
     """
     times = np.atleast_1d(np.asarray(t, dtype=np.float64))
     if times.ndim != 1 or not np.all(np.isfinite(times)) or np.any(np.diff(times) < 0):
-        raise OptionError(
-            f"found t={shown(t)}; expected finite times [s] in rising order; sort them"
-        )
+        raise OptionError.found("t=", t, "finite times [s] in rising order", "sort them")
     return times
 
 
@@ -89,7 +85,5 @@ def checked_count(what: str, value: object, least: int) -> int:
     200
     """
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise OptionError(
-            f"found {what}={shown(value)}; expected a whole number of at least {least}; correct it"
-        )
+        raise OptionError.found(f"{what}=", value, f"a whole number of at least {least}")
     return int(value)

@@ -30,7 +30,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from tridentify.errors import OptionError, shown
+from tridentify.errors import OptionError
 from tridentify.numerics.arrays import Array
 from tridentify.uncertainty.checks import checked_level
 
@@ -79,9 +79,7 @@ def intervals(
     elif kind == "bca":
         probabilities = _corrected(flat, middle, tail)
     else:
-        raise OptionError(
-            f"found kind={shown(kind)}; expected 'percentile', 'basic' or 'bca'; choose one"
-        )
+        raise OptionError.found("kind=", kind, "'percentile', 'basic' or 'bca'", "choose one")
     low, high = quantiles(flat, probabilities)
     if kind == "basic":
         low, high = 2.0 * middle - high, 2.0 * middle - low

@@ -20,13 +20,14 @@ References: T. Krinsky & A. L. Robb, Review of Economics and Statistics 68, 715-
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from tridentify.errors import OptionError, shown
+from tridentify.errors import OptionError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.trace import freeze_arrays
 from tridentify.numerics import delta_method
@@ -41,10 +42,9 @@ from tridentify.uncertainty.draws import (
     unstable,
 )
 from tridentify.uncertainty.frequency import ResponseBand
-from tridentify.uncertainty.impulse import ImpulseBand, direct_terms
 from tridentify.uncertainty.intervals import Kind, intervals, quantiles
 from tridentify.uncertainty.stable_scale import stable_draws
-from tridentify.uncertainty.step import StepBand
+from tridentify.uncertainty.step import ImpulseBand, StepBand, direct_terms
 
 ONE_SIGMA = 0.6826894921370859
 """Probability within one standard deviation of a normal variable."""
@@ -190,9 +190,7 @@ def sample(
     """
     count, own = checked_count("n_draws", n_draws, 1), checked_count("seed", seed, 0)
     if scale not in ("coefficients", "stable"):
-        raise OptionError(
-            f"found scale={shown(scale)}; expected 'coefficients' or 'stable'; choose one"
-        )
+        raise OptionError.found("scale=", scale, "'coefficients' or 'stable'", "choose one")
     rng = np.random.default_rng(own)
     if len(estimate.draws):
         chosen = rng.choice(len(estimate.draws), count, replace=count > len(estimate.draws))
@@ -314,11 +312,20 @@ def sampled_step_band(
     UnsupportedError
         A delay was estimated.
     """
-    times = checked_times(t)
-    estimate = sample.estimate
-    centre = step_values(estimate, np.asarray(estimate.theta)[None], times)[0]
-    low, high = intervals(step_values(estimate, sample.theta, times), centre, level, kind)
-    return StepBand(times, centre, low, high, level)
+    return StepBand(*_over_time(sample, t, level, kind, step_values), level)
+
+
+def _over_time(
+    sample: Sample,
+    t: npt.ArrayLike,
+    level: float,
+    kind: Kind,
+    values: Callable[[Estimate, Array, Array], Array],
+) -> tuple[Array, Array, Array, Array]:
+    """Times, response of the estimate, and the band of the draws."""
+    estimate, times = sample.estimate, checked_times(t)
+    centre = values(estimate, np.asarray(estimate.theta)[None], times)[0]
+    return times, centre, *intervals(values(estimate, sample.theta, times), centre, level, kind)
 
 
 def sampled_impulse_band(
@@ -333,11 +340,8 @@ def sampled_impulse_band(
     UnsupportedError
         A delay was estimated.
     """
-    times = checked_times(t)
-    estimate = sample.estimate
-    centre = impulse_values(estimate, np.asarray(estimate.theta)[None], times)[0]
-    low, high = intervals(impulse_values(estimate, sample.theta, times), centre, level, kind)
-    return ImpulseBand(times, centre, low, high, direct_terms(estimate), level)
+    band = _over_time(sample, t, level, kind, impulse_values)
+    return ImpulseBand(*band, direct_terms(sample.estimate), level)
 
 
 def _quantities(

@@ -1,6 +1,7 @@
-"""The step response with a pointwise band, to first order in the standard errors.
+"""Step and impulse responses with a pointwise band, to first order in the standard errors.
 
 Response and derivatives are exact at any time (`tridentify.numerics.delta_method.step_response`);
+those to an impulse are the time derivatives of those to a step;
 the realisation is the orthonormal cascade on the estimated poles, so that the conditioning does not
 depend on how fast, how slow or how far apart they are.
 """
@@ -18,6 +19,8 @@ from tridentify.models.simulate import realize
 from tridentify.numerics import delta_method
 from tridentify.numerics.arrays import Array
 from tridentify.uncertainty.checks import checked_times, factor_of
+
+Formula = Callable[..., tuple[Array, Array]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +40,30 @@ class StepBand:
     response: Array
     low: Array
     high: Array
+    level: float
+
+
+@dataclass(frozen=True, eq=False)
+class ImpulseBand:
+    """Response to a unit impulse of each input at time zero, from rest, with a pointwise band.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n_times,)
+        [s].
+    response, low, high : ndarray, shape (n_times, n_outputs, n_inputs)
+        [output units / (input units s)].
+    direct : ndarray, shape (n_outputs, n_inputs)
+        Weight of the impulse in the response itself, where there are as many zeros as poles
+        [output units / input units]; it is not part of ``response``.
+    level : float
+    """
+
+    t: Array
+    response: Array
+    low: Array
+    high: Array
+    direct: Array
     level: float
 
 
@@ -71,15 +98,65 @@ def step_band(estimate: Estimate, t: npt.ArrayLike, level: float = 0.95) -> Step
     >>> bool(band.low[1, 0, 0] < 0.5 * (1 - np.exp(-4.0)) < band.high[1, 0, 0])
     True
     """
+    return StepBand(*_band(estimate, t, level, delta_method.step_response), level)
+
+
+def _band(
+    estimate: Estimate, t: npt.ArrayLike, level: float, formula: Formula
+) -> tuple[Array, Array, Array, Array]:
+    """Times, response, and its band to first order."""
     factor, times = factor_of(level), checked_times(t)
-    response, std = over_time(estimate, times, delta_method.step_response)
-    half = factor * std
-    return StepBand(times, response, response - half, response + half, level)
+    response, std = over_time(estimate, times, formula)
+    return times, response, response - factor * std, response + factor * std
 
 
-def over_time(
-    estimate: Estimate, times: Array, formula: Callable[..., tuple[Array, Array]]
-) -> tuple[Array, Array]:
+def impulse_band(estimate: Estimate, t: npt.ArrayLike, level: float = 0.95) -> ImpulseBand:
+    """Impulse response of the model with a pointwise confidence band, by the delta method.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    t : array_like, shape (n_times,)
+        Rising times [s]; the impulse comes at zero.
+    level : float
+        Probability that the band holds at each time.
+
+    Returns
+    -------
+    ImpulseBand
+
+    Raises
+    ------
+    OptionError
+        The level is no probability, or the times do not rise.
+
+    Examples
+    --------
+    >>> from tridentify import Record, Structure, TransferFunction, identify, simulate
+    >>> rng = np.random.default_rng(0)
+    >>> u = np.repeat(rng.choice([-1.0, 1.0], 40), 10)
+    >>> y = simulate(TransferFunction([2.0], [1.0, 4.0]), Record(u, u, dt=0.02))[:, 0]
+    >>> record = Record(u, y + 0.01 * rng.standard_normal(u.size), dt=0.02)
+    >>> band = impulse_band(identify(record, Structure(1, 0)), [0.0, 0.5])
+    >>> bool(band.low[1, 0, 0] < 2.0 * np.exp(-2.0) < band.high[1, 0, 0])
+    True
+    """
+    band = _band(estimate, t, level, delta_method.impulse_response)
+    return ImpulseBand(*band, direct_terms(estimate), level)
+
+
+def direct_terms(estimate: Estimate) -> Array:
+    """What each output does at once of a jump of each input, shape (n_outputs, n_inputs)."""
+    rows = zip(estimate.model.num, estimate.model.den, strict=True)
+    return np.array(
+        [
+            [num[0] if num.size == den.size else 0.0 for num, den in zip(nums, dens, strict=True)]
+            for nums, dens in rows
+        ]
+    )
+
+
+def over_time(estimate: Estimate, times: Array, formula: Formula) -> tuple[Array, Array]:
     """Response of every channel to something at time zero, with standard errors to first order.
 
     Parameters

@@ -1,12 +1,13 @@
-"""Steps that an interruption must not cut in two."""
+"""Answers to signals, and steps that an interruption must not cut in two."""
 
 from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
+from typing import Any
 
 SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 """By which a user or the system asks to end."""
@@ -32,19 +33,40 @@ def held_back() -> Iterator[None]:
     >>> done
     ['step', 'interruption']
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
     asked: list[tuple[int, FrameType | None]] = []
-    numbers = [getattr(signal, name) for name in SIGNALS if hasattr(signal, name)]
-    before = {number: signal.getsignal(number) for number in numbers}
-    held = {number: handler for number, handler in before.items() if callable(handler)}
-    for number in held:
-        signal.signal(number, lambda number, frame: asked.append((number, frame)))
-    try:
+    with on_signals(SIGNALS, lambda *signalled: asked.append(signalled), callable) as held:
         yield
-    finally:
-        for number, handler in held.items():
-            signal.signal(number, handler)
     for number, frame in asked[:1]:
-        held[signal.Signals(number)](number, frame)
+        held[number](number, frame)
+
+
+@contextmanager
+def on_signals(
+    names: Sequence[str],
+    answer: Callable[[int, FrameType | None], None],
+    takes: Callable[[Any], bool],
+) -> Iterator[dict[int, Any]]:
+    """Answer signals while this lasts, in the main thread, which alone is sent any.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Those that the system does not know are left out.
+    answer : callable
+        Told of a signal.
+    takes : callable
+        Whether one that was handled so before is to be answered.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield {}
+        return
+    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
+    before = {number: signal.getsignal(number) for number in numbers}
+    handled = {number: handler for number, handler in before.items() if takes(handler)}
+    for number in handled:
+        signal.signal(number, answer)
+    try:
+        yield handled
+    finally:
+        for number, handler in handled.items():
+            signal.signal(number, handler)

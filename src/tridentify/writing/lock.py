@@ -57,15 +57,32 @@ def lock(folder: Path, patience: float = PATIENCE) -> Iterator[bool]:
         os.close(number)
 
 
-@contextlib.contextmanager
-def alone_in(folder: Path) -> Iterator[None]:
-    """Hold a folder of results for a run that goes on where another ended.
+def make_folder(folder: Path) -> None:
+    """Make a folder of results, if it is not there.
 
     Raises
     ------
     OutputPathError
-        Another run is at work there.
     """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputPathError(
+            f"found no way to make the folder {shown(str(folder))} ({error.strerror or error}); "
+            "expected one that can be written; choose another folder"
+        ) from error
+
+
+@contextlib.contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Hold a folder of results for a run that goes on where another ended; it is made if need be.
+
+    Raises
+    ------
+    OutputPathError
+        It cannot be made, or another run is at work there.
+    """
+    make_folder(folder)
     with lock(folder, patience=0.0) as held:
         if not held:
             raise OutputPathError(

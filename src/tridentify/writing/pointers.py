@@ -7,8 +7,6 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
 
-__all__ = ["OF_AN_ESTIMATE", "OF_A_RECORD", "Pointers"]
-
 _COEFFICIENT = re.compile(r"[ab]\d+|delay")
 
 OF_AN_ESTIMATE: Mapping[str, str] = MappingProxyType(

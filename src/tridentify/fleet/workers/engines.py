@@ -14,8 +14,9 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
-from tridentify.errors import MissingDependencyError, OptionError, TridentifyError, shown
+from tridentify.errors import OptionError, TridentifyError, shown
 from tridentify.fleet.workers.children import WORKERS
+from tridentify.record.formats.requirements import require
 
 CONNECT = "30s"
 """How long a scheduler may take to answer: it and its workers may be starting at this moment."""
@@ -111,13 +112,9 @@ def _hushed(name: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _of_dask(workers: Any) -> Iterator[Engine]:
-    try:
-        from distributed import Client
-    except ImportError as error:
-        raise MissingDependencyError(
-            "found no module 'distributed'; expected it for a Dask scheduler; pip install "
-            "'tridentify[fleet]', or give a number of processes of this machine"
-        ) from error
+    require("distributed", "tridentify[fleet]", "a Dask scheduler")
+    from distributed import Client
+
     with contextlib.ExitStack() as stack:
         client = workers
         if isinstance(workers, str):

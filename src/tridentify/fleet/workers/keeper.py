@@ -11,11 +11,8 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-import os
 import pickle
-import subprocess
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Iterator, Sequence
@@ -24,6 +21,7 @@ from typing import Any
 from tridentify.errors import TridentifyError, shown
 from tridentify.fleet.workers.job import CRASHED, OVER_TIME, Item, Job, Limits, Outcome
 from tridentify.numerics.threads import THREADS
+from tridentify.record.formats.child_process import ChildProcess
 from tridentify.record.formats.isolation import ENVIRONMENT
 
 ONE_THREAD = dict.fromkeys((*THREADS, "NUMBA_NUM_THREADS", "POLARS_MAX_THREADS"), "1")
@@ -69,8 +67,7 @@ class Keeper:
 
     def __init__(self, limits: Limits) -> None:
         self.limits = limits
-        self._process: subprocess.Popen[bytes] | None = None
-        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._process: ChildProcess | None = None
         self._deadline = self._resting = math.inf
         self._late = False
         self._since, self._mark = 0.0, ""
@@ -209,28 +206,16 @@ class Keeper:
         self._end()
         with self._guard:
             self._refuse_closed()
-            self._process = self._started()
+            try:
+                self._process = ChildProcess(BOOT, {**ENVIRONMENT, **ONE_THREAD})
+            except OSError as error:
+                raise TridentifyError(
+                    f"found no way to start a process ({shown(error.strerror or str(error), 80)}); "
+                    "expected one beside each worker; use fewer workers"
+                ) from error
         with contextlib.suppress(BrokenPipeError):
             self._send([entry for entry in sys.path if isinstance(entry, str)])
             self._send(self.limits.memory)
-
-    def _started(self) -> subprocess.Popen[bytes]:
-        # a child that is killed cannot clear up the temporary files of its libraries
-        self._folder = tempfile.TemporaryDirectory(prefix="tridentify-", ignore_cleanup_errors=True)
-        temporary = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), self._folder.name)
-        try:
-            return subprocess.Popen(
-                [sys.executable, "-I", "-c", BOOT],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                env={**os.environ, **temporary, **ENVIRONMENT, **ONE_THREAD},
-            )
-        except OSError as error:
-            raise TridentifyError(
-                f"found no way to start a process ({shown(error.strerror or str(error), 80)}); "
-                "expected one beside each worker; use fewer workers"
-            ) from error
 
     def _send(self, message: object) -> None:
         process = self._process
@@ -256,17 +241,9 @@ class Keeper:
     def _end(self) -> None:
         with self._guard:
             process, self._process = self._process, None
-            folder, self._folder = self._folder, None
         self._deadline = math.inf
         if process is not None:
-            process.kill()
-            process.wait()
-            for stream in (process.stdin, process.stdout):
-                if stream is not None:
-                    with contextlib.suppress(OSError, ValueError):
-                        stream.close()
-        if folder is not None:
-            folder.cleanup()
+            process.end()
 
     def _watch(self) -> None:
         while not self._closed.wait(LOOK):

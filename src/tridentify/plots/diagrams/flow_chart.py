@@ -7,19 +7,7 @@ from collections.abc import Sequence
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.trace import Pass, Step
-from tridentify.plots.diagrams.drawing import (
-    JUDGE,
-    LINE,
-    MODEL,
-    OBJECT,
-    SOFT,
-    Board,
-    Diagram,
-    Polygon,
-    Rect,
-    fitted,
-    wrapped,
-)
+from tridentify.plots.diagrams import drawing
 from tridentify.plots.diagrams.words import FINE, elided, number
 from tridentify.writing.layout import IN_PICTURES, format_std, format_value, short
 
@@ -49,7 +37,7 @@ _SHORT = {
 }
 
 
-def draw_flow_chart(estimate: Estimate) -> Diagram:
+def draw_flow_chart(estimate: Estimate) -> drawing.Diagram:
     """Draw the way to an estimate: steps, passes with their costs, and why they ended.
 
     Parameters
@@ -66,10 +54,10 @@ def draw_flow_chart(estimate: Estimate) -> Diagram:
     ----------
     .. [1] Silvestrov et al., System Research and Information Technologies 2025(2), Fig. 4.
     """
-    board = Board()
+    board = drawing.Board()
     board.text(LEFT, 24.0, "How the estimate was reached", size=16.0, bold=True)
     told = f"{estimate.method}: {estimate.status.message}"
-    y = board.paragraph(LEFT, 44.0, told, board.width - 24.0, size=SMALL, colour=SOFT)
+    y = board.paragraph(LEFT, 44.0, told, board.width - 24.0, size=SMALL, colour=drawing.SOFT)
     bottom = max(_chart(board, estimate, y + 4.0), _table(board, estimate, y + 4.0))
     _remarks(board, estimate, bottom + 22.0)
     passes = estimate.trace.passes
@@ -80,7 +68,7 @@ def draw_flow_chart(estimate: Estimate) -> Diagram:
     )
 
 
-def _chart(board: Board, estimate: Estimate, y: float) -> float:
+def _chart(board: drawing.Board, estimate: Estimate, y: float) -> float:
     """The boxes of the flow chart, one below the other; the height below them."""
     inputs, outputs = (
         ", ".join(short(name, IN_PICTURES) for name in names)
@@ -88,13 +76,13 @@ def _chart(board: Board, estimate: Estimate, y: float) -> float:
     )
     record = [
         "Record",
-        *wrapped(
+        *drawing.wrapped(
             f"{estimate.n_samples} samples of {inputs} and {outputs}".split(), WIDTH - 16.0, SMALL
         )[:4],
         *_sampled(estimate),
         _orders(estimate),
     ]
-    box = _box(board, y, record, OBJECT)
+    box = _box(board, y, record, drawing.OBJECT)
     starts = estimate.trace.starts
     if starts:
         best = min(starts, key=lambda start: start.cost if start.cost == start.cost else math.inf)
@@ -105,28 +93,30 @@ def _chart(board: Board, estimate: Estimate, y: float) -> float:
                 continue
             mark = " (least)" if len(starts) > 1 and starts[k] is best else ""
             cost = f": {number(starts[k].cost)}{mark}"
-            lines.append(fitted(starts[k].name, WIDTH - 24.0 - 8.0 * len(cost), SMALL) + cost)
-        box = _next(board, box, lines, MODEL)
+            lines.append(
+                drawing.fitted(starts[k].name, WIDTH - 24.0 - 8.0 * len(cost), SMALL) + cost
+            )
+        box = _next(board, box, lines, drawing.MODEL)
     for group in _groups(estimate.trace.passes):
         top = None
         for step in _steps(group):
-            box = _next(board, box, _step_lines(step, group), MODEL)
+            box = _next(board, box, _step_lines(step, group), drawing.MODEL)
             if top is None and _times(step, group) > 1:
                 top = box
         if top is not None:
             box = _decision(board, box, top, group)
     end = [
         f"End: {estimate.status.value}",
-        *wrapped(estimate.trace.stopped.split(), WIDTH - 16.0, SMALL),
+        *drawing.wrapped(estimate.trace.stopped.split(), WIDTH - 16.0, SMALL),
     ]
-    box = _next(board, box, end, JUDGE)
+    box = _next(board, box, end, drawing.JUDGE)
     lines = ["Result", *_coefficients(estimate)]
     fits = ", ".join(
         f"{short(name, IN_PICTURES)} {fit:.1f} %"
         for name, fit in zip(estimate.output_names, estimate.fit, strict=True)
     )
-    lines += wrapped(f"fit {fits}".split(), WIDTH - 16.0, SMALL)
-    box = _next(board, box, lines, OBJECT)
+    lines += drawing.wrapped(f"fit {fits}".split(), WIDTH - 16.0, SMALL)
+    box = _next(board, box, lines, drawing.OBJECT)
     return box.bottom
 
 
@@ -150,11 +140,11 @@ def _plain(orders: object) -> str:
     return str(orders).replace(",)", ")")
 
 
-def _box(board: Board, y: float, lines: list[str], fill: str) -> Rect:
+def _box(board: drawing.Board, y: float, lines: list[str], fill: str) -> drawing.Rect:
     return board.box(LEFT, y, WIDTH, lines, fill=fill, size=SMALL, bold_first=True)
 
 
-def _next(board: Board, above: Rect, lines: list[str], fill: str) -> Rect:
+def _next(board: drawing.Board, above: drawing.Rect, lines: list[str], fill: str) -> drawing.Rect:
     box = _box(board, above.bottom + GAP, lines, fill)
     board.arrow((above.centre, above.bottom), (box.centre, box.y))
     return box
@@ -201,9 +191,9 @@ def _step_lines(step: Step, group: list[Pass]) -> list[str]:
     told = f"{f'{times} times, at last ' if times > 1 else ''}cost {number(step.cost)}"
     if not math.isnan(step.condition):
         told += f", condition {number(step.condition, 3)}"
-    lines = [title, *wrapped(told.split(), WIDTH - 16.0, SMALL)]
+    lines = [title, *drawing.wrapped(told.split(), WIDTH - 16.0, SMALL)]
     if step.note:
-        lines += wrapped(step.note.split(), WIDTH - 16.0, SMALL)[:2]
+        lines += drawing.wrapped(step.note.split(), WIDTH - 16.0, SMALL)[:2]
     if step.name == "series":
         distances = [p.beta_distance for p in group if not math.isnan(p.beta_distance)]
         if distances:
@@ -211,7 +201,9 @@ def _step_lines(step: Step, group: list[Pass]) -> list[str]:
     return lines
 
 
-def _decision(board: Board, above: Rect, top: Rect, group: list[Pass]) -> Rect:
+def _decision(
+    board: drawing.Board, above: drawing.Rect, top: drawing.Rect, group: list[Pass]
+) -> drawing.Rect:
     """A diamond with the way back to the first step of the group."""
     y, half = above.bottom + GAP, 32.0
     centre, middle = above.centre, above.bottom + GAP + half
@@ -222,7 +214,7 @@ def _decision(board: Board, above: Rect, top: Rect, group: list[Pass]) -> Rect:
         (centre, y + 2 * half),
         (centre - reach, middle),
     )
-    board.shapes.append(Polygon(corners, JUDGE))
+    board.shapes.append(drawing.Polygon(corners, drawing.JUDGE))
     board.arrow((above.centre, above.bottom), (centre, y))
     board.text(centre, middle + 4.5, "settled?", anchor="middle", bold=True, size=SMALL)
     side = LEFT + WIDTH + 26.0
@@ -233,10 +225,10 @@ def _decision(board: Board, above: Rect, top: Rect, group: list[Pass]) -> Rect:
     times = len(group) - 1
     board.text(
         side - 6.0, middle + 17.0, f"{times} time{'s' * (times != 1)}", anchor="end", size=SMALL,
-        colour=SOFT,
+        colour=drawing.SOFT,
     )  # fmt: skip
     board.text(centre + 8.0, y + 2 * half + 14.0, "yes", size=SMALL)
-    return Rect(LEFT, y, WIDTH, 2 * half)
+    return drawing.Rect(LEFT, y, WIDTH, 2 * half)
 
 
 def _coefficients(estimate: Estimate) -> list[str]:
@@ -253,11 +245,11 @@ def _coefficients(estimate: Estimate) -> list[str]:
     for word in words:
         name, _, rest = word.partition(" = ")
         room = WIDTH - 24.0 - 8.2 * (len(rest) + 3)
-        lines.append(f"{fitted(name, room, SMALL)} = {rest}" if rest else word)
+        lines.append(f"{drawing.fitted(name, room, SMALL)} = {rest}" if rest else word)
     return lines
 
 
-def _table(board: Board, estimate: Estimate, y: float) -> float:
+def _table(board: drawing.Board, estimate: Estimate, y: float) -> float:
     """Passes with cost and stop measures; the height below them."""
     passes = estimate.trace.passes
     places = (TABLE + 30.0, TABLE + 114.0, TABLE + 196.0, TABLE + 280.0)
@@ -266,18 +258,18 @@ def _table(board: Board, estimate: Estimate, y: float) -> float:
     board.text(TABLE, y, "Passes", bold=True, size=13.0)
     y += 22.0
     if not passes:
-        board.text(TABLE, y, "none recorded", size=SMALL, colour=SOFT)
+        board.text(TABLE, y, "none recorded", size=SMALL, colour=drawing.SOFT)
         return y
     for place, title in zip(places, titles, strict=True):
-        board.text(place, y, title, anchor="end", size=SMALL, colour=SOFT)
+        board.text(place, y, title, anchor="end", size=SMALL, colour=drawing.SOFT)
     board.text(places[-1] + 12.0, y, "", size=SMALL)
     board.line((TABLE, y + 6.0), (board.width - 12.0, y + 6.0))
     y += 6.0
     for k in elided(len(passes), MOST_PASSES):
-        y += 1.5 * LINE * SMALL if k < 0 else LINE * SMALL
+        y += 1.5 * drawing.LINE * SMALL if k < 0 else drawing.LINE * SMALL
         if k < 0:
             text = f"… {len(passes) - MOST_PASSES + 1} passes more …"
-            board.text(TABLE + 8.0, y - 4.0, text, size=SMALL, colour=SOFT)
+            board.text(TABLE + 8.0, y - 4.0, text, size=SMALL, colour=drawing.SOFT)
             continue
         one = passes[k]
         cells = (
@@ -297,7 +289,9 @@ def _table(board: Board, estimate: Estimate, y: float) -> float:
         "|β − 1|: largest distance of β from (1, 0, ..., 0)",
         "gradient: share of the residual that a further step could remove",
     ):
-        y = board.paragraph(TABLE, y, line, board.width - TABLE - 12.0, size=11.5, colour=SOFT)
+        y = board.paragraph(
+            TABLE, y, line, board.width - TABLE - 12.0, size=11.5, colour=drawing.SOFT
+        )
     return _noted(board, passes, y + 10.0)
 
 
@@ -305,7 +299,7 @@ def _cell(value: float) -> str:
     return "·" if math.isnan(value) else number(value, 2)
 
 
-def _which_steps(board: Board, passes: Sequence[Pass], y: float) -> float:
+def _which_steps(board: drawing.Board, passes: Sequence[Pass], y: float) -> float:
     """Which passes went through which steps."""
     runs: list[tuple[int, int, str]] = []
     for one in passes:
@@ -325,7 +319,7 @@ def _which_steps(board: Board, passes: Sequence[Pass], y: float) -> float:
     return y + 8.0
 
 
-def _noted(board: Board, passes: Sequence[Pass], y: float) -> float:
+def _noted(board: drawing.Board, passes: Sequence[Pass], y: float) -> float:
     """What was done to single passes: poles reflected or held, restarts."""
     notes: dict[str, list[int]] = {}
     for one in passes:
@@ -342,12 +336,12 @@ def _noted(board: Board, passes: Sequence[Pass], y: float) -> float:
             TABLE, y, f"pass {numbers}: {note}", board.width - TABLE - 12.0, size=SMALL
         )
     if len(shown) > 6:
-        board.text(TABLE, y, f"… {len(shown) - 6} notes more", size=SMALL, colour=SOFT)
-        y += LINE * SMALL
+        board.text(TABLE, y, f"… {len(shown) - 6} notes more", size=SMALL, colour=drawing.SOFT)
+        y += drawing.LINE * SMALL
     return y
 
 
-def _remarks(board: Board, estimate: Estimate, y: float) -> None:
+def _remarks(board: drawing.Board, estimate: Estimate, y: float) -> None:
     """Decisions and cautions, below everything."""
     for title, lines in (
         ("Decided by the data", estimate.trace.decisions),

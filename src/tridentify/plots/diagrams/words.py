@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tridentify.errors import OptionError, StepNotTakenError, shown
+from tridentify.errors import OptionError, StepNotTakenError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.trace import Pass, Step
 from tridentify.numerics.arrays import Array
@@ -369,14 +369,10 @@ def taken(
         ("input_", input_, len(estimate.input_names)),
     ):
         if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < count:
-            raise OptionError(
-                f"found {what}={shown(value)}; expected a number from 0 to {count - 1}; correct it"
-            )
+            raise OptionError.found(f"{what}=", value, f"a number from 0 to {count - 1}")
     numbers = [one.number for one in estimate.trace.passes]
     if pass_number is not None and pass_number not in numbers:
-        raise OptionError(
-            f"found pass_number={shown(pass_number)}; expected one of {numbers}; correct it"
-        )
+        raise OptionError.found("pass_number=", pass_number, f"one of {numbers}")
     for one in reversed(estimate.trace.passes):
         if pass_number is None or one.number == pass_number:
             for step in reversed(one.steps):

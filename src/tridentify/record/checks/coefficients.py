@@ -46,9 +46,8 @@ def one_polynomial(label: str, value: Any) -> Array:
     except ValueError:
         raw = np.empty((0, 0))
     if raw.ndim != 1 or raw.size == 0 or raw.dtype.kind not in "fiu":
-        raise CoefficientError(
-            f"found {label}={shown(value)}; expected real coefficients in descending powers; "
-            "give at least one number"
+        raise CoefficientError.found(
+            f"{label}=", value, "real coefficients in descending powers", "give at least one number"
         )
     array = raw.astype(np.float64)
     if not np.isfinite(array).all():
@@ -103,9 +102,7 @@ def channel_delays(delay: float | ArrayLike, shape: tuple[int, int]) -> Array:
             "inputs); nest it as delay[output][input]"
         )
     if not (np.isfinite(given).all() and np.all(given >= 0.0)):
-        raise OptionError(
-            f"found delay={shown(delay)}; expected seconds, zero or more; correct delay"
-        )
+        raise OptionError.found("delay=", delay, "seconds, zero or more", "correct delay")
     array = np.array(np.broadcast_to(given, shape))
     array.flags.writeable = False
     return array

@@ -156,9 +156,8 @@ def check_units(units: Mapping[str, object], advice: str = "correct it") -> None
     """
     for name, unit in units.items():
         if not isinstance(unit, str):
-            raise UnitError(
-                f"found the unit {shown(unit)} for {shown(name)}; expected text such as 'rad/s'; "
-                "put it in quotes"
+            raise UnitError.found(
+                f"the unit {shown(unit)} for ", name, "text such as 'rad/s'", "put it in quotes"
             )
         if not is_plain(unit, LONGEST_UNIT):
             raise UnitError(

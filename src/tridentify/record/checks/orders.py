@@ -101,9 +101,8 @@ def checked_delays(value: object) -> float | str | Matrix[float]:
     def delay(item: object) -> float:
         number = _number(item)
         if not 0.0 <= number < math.inf:
-            raise OptionError(
-                f"found delay={shown(item)}; expected seconds, zero or more, or 'free' to estimate "
-                "it; correct delay"
+            raise OptionError.found(
+                "delay=", item, "seconds, zero or more, or 'free' to estimate it", "correct delay"
             )
         return number
 
@@ -146,9 +145,8 @@ def checked_fixed(fixed: Mapping[str, float] | None) -> dict[str, float]:
     values = {str(name): _number(value) for name, value in (fixed or {}).items()}
     for name, value in values.items():
         if not math.isfinite(value):
-            raise BoundsError(
-                f"found the fixed value {shown((fixed or {}).get(name))} for {shown(name)}; "
-                "expected a finite number; correct it"
+            raise BoundsError.found(
+                f"the fixed value {shown((fixed or {}).get(name))} for ", name, "a finite number"
             )
         _check_size(BoundsError, "the fixed value", name, value, "correct it")
     return values

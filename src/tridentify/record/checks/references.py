@@ -20,8 +20,6 @@ from tridentify.record.checks.samples import (
     sample_array,
 )
 
-__all__ = ["check_shared", "reference_array", "reference_between", "settled_reference"]
-
 
 def check_shared(
     inputs: tuple[Sequence[str], Array],

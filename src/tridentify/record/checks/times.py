@@ -15,7 +15,6 @@ from tridentify.errors import (
     SamplingError,
     ShapeError,
     TimeNotIncreasingError,
-    shown,
 )
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.quantiles import quantiles
@@ -87,9 +86,7 @@ def instant(label: str, value: object) -> float:
             raise TypeError
         return float(cast(Any, value))
     except (TypeError, ValueError, OverflowError) as error:
-        raise OptionError(
-            f"found {label}={shown(value)}; expected a time in seconds; give a number"
-        ) from error
+        raise OptionError.found(f"{label}=", value, "a time in seconds", "give a number") from error
 
 
 def uniform_step(t: Array) -> float | None:
@@ -234,9 +231,7 @@ def _step_and_time(dt: object, n_samples: int) -> tuple[float, Array]:
     except (TypeError, ValueError, OverflowError):
         step = np.nan
     if isinstance(dt, (str, bytes, bool)) or not 0.0 < step < np.inf:
-        raise SamplingError(
-            f"found dt={shown(dt)}; expected a positive number of seconds; correct dt"
-        )
+        raise SamplingError.found("dt=", dt, "a positive number of seconds", "correct dt")
     if not np.isfinite(step * max(n_samples, 1)):
         raise SamplingError(f"found dt={step:.6g} s; expected a duration within range; correct dt")
     check_time(0.0, step * max(n_samples - 1, 1), step)

@@ -14,16 +14,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tridentify.numerics.arrays import Array
-from tridentify.record.formats.channels import Channel
+from tridentify.record.formats.channels import SampledFile
 from tridentify.record.formats.frames import FrameTable, frame_channel, not_numbers
 
 if TYPE_CHECKING:
     import polars as pl
 
-__all__ = ["ArrowFile", "open_file"]
 
-
-class ArrowFile:
+class ArrowFile(SampledFile):
     """A Parquet or Feather file as an `OpenFile`."""
 
     def __init__(self, path: Path) -> None:
@@ -38,7 +36,7 @@ class ArrowFile:
         rows = int(self._lazy.select(pl.len()).collect().item())
         self._kinds = dict(nw.from_native(self._lazy).collect_schema())
         self.n_samples = rows
-        self.channels: tuple[Channel, ...] = tuple(
+        self.channels = tuple(
             frame_channel(name, kind.is_temporal(), rows) for name, kind in self._kinds.items()
         )
 
@@ -63,9 +61,6 @@ class ArrowFile:
         table = FrameTable(nw.from_native(frame, eager_only=True), self.path)
         known = [channel.header for channel in table.channels]
         return table.read([known.index(name) for name in names])
-
-    def instants(self, clock: str) -> Array | None:
-        """Give nothing: the time is a column."""
 
     def place(self, row: int) -> str:
         """Name a row by its number, from 1."""

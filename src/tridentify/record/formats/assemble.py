@@ -42,7 +42,7 @@ from tridentify.numerics.arrays import Array
 from tridentify.record.checks.names import did_you_mean, file_units
 from tridentify.record.checks.samples import Intersample
 from tridentify.record.checks.times import TIME_TOLERANCE, sample_range, time_axis, uniform_step
-from tridentify.record.formats.channels import SECONDS, Channel, OpenFile
+from tridentify.record.formats.channels import SECONDS, Channel, OpenFile, seconds_of
 from tridentify.record.formats.rounded_time import raster_behind
 from tridentify.record.formats.time_names import (
     epoch_unit,
@@ -52,8 +52,6 @@ from tridentify.record.formats.time_names import (
     unit_in_name,
 )
 from tridentify.record.record import Record
-
-__all__ = ["Instants", "Wanted", "record_from", "time_channels"]
 
 Instants = Literal["auto", "outputs", "all"]
 
@@ -86,9 +84,8 @@ class Wanted:
         object.__setattr__(self, "outputs", _as_names("output", self.outputs))
         object.__setattr__(self, "references", _as_names("reference", self.references))
         if self.instants not in ("auto", "outputs", "all"):
-            raise OptionError(
-                f"found instants={shown(self.instants)}; expected 'auto', 'outputs' or 'all'; "
-                "choose one"
+            raise OptionError.found(
+                "instants=", self.instants, "'auto', 'outputs' or 'all'", "choose one"
             )
 
 
@@ -311,9 +308,8 @@ def _read(
                 "sampled together"
             )
         if len(samples) < 2:
-            raise TooFewSamplesError(
-                f"found {len(samples)} row in {shown(source.path.name)}; expected at least 2; "
-                "record for longer"
+            raise TooFewSamplesError.found(
+                f"{len(samples)} row in ", source.path.name, "at least 2", "record for longer"
             )
     return values, [axes[channel.clock] for channel in channels]
 
@@ -348,13 +344,9 @@ def _seconds(source: OpenFile, clock: Channel, time: Array, units: Mapping[str, 
             f"found {time[0]:.6g} s in the time column {shown(clock.header)}; expected less than "
             "1e11, as seconds since 1970 are; correct its unit (ms, us or ns)"
         )
-    if unit not in SECONDS:
-        raise UnitError(
-            f"found the unit {shown(unit)} of the time column {shown(clock.header)}; expected s, "
-            "ms, us, ns, min or h; convert the column to seconds or correct the unit"
-        )
+    scale = seconds_of(unit, clock.header)
     even = raster_behind(time)
-    seconds: Array = (time if even is None else even) * SECONDS[unit]
+    seconds: Array = (time if even is None else even) * scale
     return seconds
 
 

@@ -13,19 +13,6 @@ import numpy as np
 from tridentify.numerics.arrays import Array
 from tridentify.record.formats.dates import read_moment
 
-__all__ = [
-    "MISSING",
-    "SEPARATORS",
-    "Numbers",
-    "all_numbers",
-    "has_decimal_comma",
-    "has_groups",
-    "is_missing",
-    "is_value",
-    "read_number",
-    "unit_cells",
-]
-
 SEPARATORS = ",;\t|"
 MISSING = frozenset(("", "na", "n/a", "#n/a", "nan", "null", "none", "-nan", "-", "--"))
 

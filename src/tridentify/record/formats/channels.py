@@ -11,14 +11,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
+import numpy as np
+
+from tridentify.errors import ForeignObjectError, TextInColumnError, UnitError, shown
 from tridentify.numerics.arrays import Array
 from tridentify.record.checks.names import split_unit
 from tridentify.record.formats.time_names import unit_of_clock
-
-__all__ = ["Channel", "OpenFile", "header_channel"]
-
 
 SECONDS = {
     "": 1.0,
@@ -47,6 +47,22 @@ SECONDS = {
     "hours": 3600.0,
 }
 """Units of time, as the formats write them [s]."""
+
+
+def seconds_of(unit: str, header: str) -> float:
+    """How long the unit of a column of time is [s].
+
+    Raises
+    ------
+    UnitError
+        It is none of time.
+    """
+    if unit not in SECONDS:
+        raise UnitError(
+            f"found the unit {shown(unit)} of the time column {shown(header)}; expected s, ms, "
+            "us, ns, min or h; convert the column to seconds or correct the unit"
+        )
+    return SECONDS[unit]
 
 
 CALLER = 6
@@ -100,6 +116,55 @@ class OpenFile(Protocol):
 
     def place(self, row: int) -> str:
         """Say in words where in the file a sample of what was read stands."""
+
+
+class SampledFile:
+    """What the readers of files share where a file says nothing else.
+
+    Attributes
+    ----------
+    path : Path
+    channels : tuple of Channel
+    """
+
+    path: Path
+    channels: tuple[Channel, ...]
+
+    def instants(self, clock: str) -> Array | None:
+        """Give nothing: the time is a column."""
+
+    def place(self, row: int) -> str:
+        """Name a sample by its number, from 1."""
+        return f"sample {row + 1}"
+
+
+def real_numbers(rows: Any, what: str, path: Path) -> Array:
+    """The numbers of an array that a file holds, named by ``what``.
+
+    Raises
+    ------
+    TextInColumnError
+        They are text, dates or complex.
+    """
+    if rows.dtype.kind not in "fiub":
+        raise TextInColumnError.found(
+            f"{rows.dtype} in {what} of ", path.name, "real numbers", "save the array as float"
+        )
+    return np.asarray(rows, dtype=np.float64)
+
+
+def refuse_objects(kind: np.dtype[Any], where: str) -> None:
+    """Refuse an array of Python objects, which would have to be unpickled.
+
+    Raises
+    ------
+    ForeignObjectError
+    """
+    if kind.hasobject:
+        raise ForeignObjectError(
+            f"found Python objects in {where}; expected numbers, since objects would have to be "
+            "unpickled, which can run any program; save the array as float"
+        )
 
 
 def header_channel(header: str, samples: int | None = None) -> Channel:

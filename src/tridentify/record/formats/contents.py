@@ -17,8 +17,6 @@ from typing import IO, Any
 
 from tridentify.errors import SampleTypeError, UnreadableFileError, shown
 
-__all__ = ["Contents", "as_file", "called"]
-
 Contents = str | os.PathLike[str] | bytes | bytearray | memoryview | IO[bytes] | IO[str]
 """A path, the bytes of a file, or a file open for reading (from where it stands)."""
 

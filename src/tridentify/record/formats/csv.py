@@ -14,13 +14,11 @@ from pathlib import Path
 
 from tridentify.errors import DataWarning, shown
 from tridentify.numerics.arrays import Array
-from tridentify.record.formats.channels import CALLER, Channel, header_channel
+from tridentify.record.formats.channels import CALLER, Channel, SampledFile, header_channel
 from tridentify.record.formats.text_table import TextTable, open_table, read_columns
 
-__all__ = ["TextFile"]
 
-
-class TextFile:
+class TextFile(SampledFile):
     """A delimited text file as an `OpenFile`.
 
     Parameters
@@ -36,7 +34,7 @@ class TextFile:
         self.path = path
         self._table = open_table(path)
         self._lines: Sequence[int] = [0]
-        self.channels: tuple[Channel, ...] = tuple(
+        self.channels = tuple(
             Channel(name, header_channel(name).name, "s", dated=True)
             if dated
             else _with_unit(header_channel(name), unit)
@@ -51,9 +49,6 @@ class TextFile:
         """Give columns as numbers, nan for a blank cell."""
         values, self._lines = read_columns(self._table, indices)
         return values
-
-    def instants(self, clock: str) -> Array | None:
-        """Give nothing: the time is a column."""
 
     def place(self, row: int) -> str:
         """Name a row by its line in the file."""

@@ -17,8 +17,6 @@ import numpy as np
 
 from tridentify.numerics.arrays import Array
 
-__all__ = ["Instants", "Moment", "read_moment"]
-
 _DATE = re.compile(
     r"(\d{4}-\d\d-\d\d)(?:[Tt ]+(\d\d:\d\d(?::\d\d)?)(?:[.,](\d{1,9})\d*)?"
     r"\s*([Zz]|[-+]\d\d(?::?\d\d)?)?)?",

@@ -19,16 +19,14 @@ from typing import Any
 
 from tridentify.numerics.arrays import Array
 from tridentify.record.formats.cells import SEPARATORS
-from tridentify.record.formats.channels import SECONDS, Channel
+from tridentify.record.formats.channels import SECONDS, Channel, SampledFile
 from tridentify.record.formats.csv import TextFile
 from tridentify.record.formats.time_names import named_time
-
-__all__ = ["ExcelFile", "cell_text", "open_file"]
 
 ERRORS = frozenset(("#DIV/0!", "#N/A", "#NAME?", "#NULL!", "#NUM!", "#REF!", "#VALUE!"))
 
 
-class ExcelFile:
+class ExcelFile(SampledFile):
     """A workbook as an `OpenFile`.
 
     Parameters
@@ -82,10 +80,6 @@ class ExcelFile:
         if len(named) != 1 or sheet.channels[named[0]].unit not in SECONDS:
             return None
         return sheet.read(named)[0] * SECONDS[sheet.channels[named[0]].unit]
-
-    def place(self, row: int) -> str:
-        """Name a sample by its number, from 1."""
-        return f"sample {row + 1}"
 
     def _table(self, sheet: Any) -> tuple[Path, bool]:
         """Write a sheet as text; say where, and whether it holds numbers."""

@@ -26,7 +26,7 @@ from tridentify.numerics.arrays import Array
 from tridentify.record.checks.samples import Intersample
 from tridentify.record.checks.times import uniform_step
 from tridentify.record.formats.assemble import Wanted, record_from, time_channels
-from tridentify.record.formats.channels import Channel, header_channel
+from tridentify.record.formats.channels import Channel, SampledFile, header_channel
 from tridentify.record.formats.dates import Instants, read_moment
 from tridentify.record.formats.requirements import require
 from tridentify.record.formats.time_names import is_called_time
@@ -35,10 +35,8 @@ from tridentify.record.record import Record, in_memory
 if TYPE_CHECKING:
     import narwhals as nw
 
-__all__ = ["FrameTable", "frame_channel", "frame_from_record", "record_from_frame"]
 
-
-class FrameTable:
+class FrameTable(SampledFile):
     """A data frame as an `OpenFile`.
 
     Parameters
@@ -58,17 +56,13 @@ class FrameTable:
             for name in self._names
         )
         if not len(frame):
-            raise EmptyFileError(
-                f"found no row in {shown(path.name)}; expected rows of numbers; check that it was "
-                "saved completely"
+            raise EmptyFileError.found(
+                "no row in ", path.name, "rows of numbers", "check that it was saved completely"
             )
 
     def read(self, indices: Sequence[int]) -> list[Array]:
         """Give columns as numbers, nan where nothing stands."""
         return [self._floats(self._names[index]) for index in indices]
-
-    def instants(self, clock: str) -> Array | None:
-        """Give nothing: a frame has its time in a column."""
 
     def place(self, row: int) -> str:
         """Name a row by its number, from 0 as in the frame."""

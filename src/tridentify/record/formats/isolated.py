@@ -19,8 +19,6 @@ from tridentify.errors import DataWarning, TridentifyError
 from tridentify.numerics.arrays import Array
 from tridentify.record.formats.channels import OpenFile
 
-__all__ = ["limit_memory", "open_here", "serve", "silenced"]
-
 
 def serve() -> None:
     """Answer the requests on standard input, on what was standard output.

@@ -15,14 +15,11 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import subprocess
 import sys
-import tempfile
 import threading
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Any
 
 import numpy as np
@@ -37,9 +34,8 @@ from tridentify.errors import (
     shown,
 )
 from tridentify.numerics.arrays import Array
-from tridentify.record.formats.channels import CALLER, Channel
-
-__all__ = ["IsolatedFile"]
+from tridentify.record.formats.channels import CALLER, Channel, SampledFile
+from tridentify.record.formats.child_process import ChildProcess
 
 PATIENCE = 30.0
 """Time that a file of no length may take [s]."""
@@ -111,7 +107,7 @@ def memory_limit() -> int:
     return max(machine_memory() // SHARE, LEAST)
 
 
-class IsolatedFile:
+class IsolatedFile(SampledFile):
     """An `OpenFile` whose reader runs in a child process; a context manager.
 
     Parameters
@@ -134,19 +130,9 @@ class IsolatedFile:
         self.path = path
         self.kind = kind
         self._late = False
-        # a child that is killed cannot clear up the temporary files of its library
-        self._folder = tempfile.TemporaryDirectory(prefix="tridentify-", ignore_cleanup_errors=True)
-        temporary = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), self._folder.name)
         try:
-            self._process = subprocess.Popen(
-                [sys.executable, "-I", "-c", BOOT],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                env={**os.environ, **temporary, **ENVIRONMENT},
-            )
+            self._process = ChildProcess(BOOT, ENVIRONMENT)
         except OSError as error:
-            self._folder.cleanup()
             raise self._unreadable(f"no way to start a reader ({error.strerror})") from error
         try:
             self._send([entry for entry in sys.path if isinstance(entry, str)])
@@ -168,23 +154,12 @@ class IsolatedFile:
     def __enter__(self) -> IsolatedFile:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
         """End the child."""
-        self._process.kill()
-        for stream in (self._process.stdin, self._process.stdout):
-            if stream is not None:
-                with contextlib.suppress(OSError):
-                    stream.close()
-        self._process.wait()
-        self._folder.cleanup()
+        self._process.end()
 
     def read(self, indices: Sequence[int]) -> list[Array]:
         """Give channels as numbers."""
@@ -196,10 +171,6 @@ class IsolatedFile:
         """Give the sampling instants of a clock [s], if the file knows them."""
         found = self._ask({"instants": clock})[1]
         return found[0] if found else None
-
-    def place(self, row: int) -> str:
-        """Name a sample by its number, from 1."""
-        return f"sample {row + 1}"
 
     def _send(self, message: object) -> None:
         stream = self._process.stdin

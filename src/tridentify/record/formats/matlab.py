@@ -23,8 +23,6 @@ from tridentify.record.formats.matlab_tree import (
     Opaque,
 )
 
-__all__ = ["declared_size", "open_file"]
-
 HEADER = 128
 """Bytes before the first variable; the last two tell the order of bytes."""
 

@@ -20,8 +20,6 @@ from tridentify.record.formats.matlab_tree import (
     Opaque,
 )
 
-__all__ = ["open_file"]
-
 NUMERIC = frozenset({"double", "single", "logical", "int8", "int16", "int32", "int64"}) | {
     *("uint8", "uint16", "uint32", "uint64"),
 }

@@ -28,10 +28,8 @@ import numpy as np
 
 from tridentify.errors import ForeignObjectError, TextInColumnError, UnitError, shown
 from tridentify.numerics.arrays import Array
-from tridentify.record.formats.channels import SECONDS, Channel
+from tridentify.record.formats.channels import SECONDS, Channel, SampledFile
 from tridentify.record.formats.isolation import check_size
-
-__all__ = ["MatlabFile", "Node", "Numbers", "Opaque"]
 
 DEEPEST = 8
 """Structures within structures: an end for references that go in circles."""
@@ -86,7 +84,7 @@ class _Found:
             self.loads.append(load)
 
 
-class MatlabFile:
+class MatlabFile(SampledFile):
     """The variables of a MATLAB file as an `OpenFile`.
 
     Parameters
@@ -110,10 +108,6 @@ class MatlabFile:
         """Give the sampling instants of a timeseries or an experiment [s]."""
         load = self._found.clocks.get(clock)
         return None if load is None else load()
-
-    def place(self, row: int) -> str:
-        """Name a sample by its number, from 1."""
-        return f"sample {row + 1}"
 
 
 def _walk(found: _Found, path: str, node: Node, depth: int) -> None:
@@ -189,8 +183,9 @@ def _column(
                 f"found numbers of type {array.dtype} in {shown(header)} of "
                 f"{shown(found.path.name)}; expected real numbers; choose another variable"
             )
-        table = array.reshape(-1, length, order="F").T if turned else _table(array, length)
-        return np.array(table[:, k], dtype=np.float64)
+        shape = (-1, length) if turned else (length, -1)
+        table = array.reshape(shape, order="F")
+        return np.array(table[k] if turned else table[:, k], dtype=np.float64)
 
     return load
 
@@ -199,10 +194,6 @@ def _loaded(found: _Found, numbers: Numbers) -> np.ndarray:
     """Load an array whose declared size memory can hold, all columns of it."""
     check_size(8 * numbers.size, found.path)
     return np.asarray(numbers.load())
-
-
-def _table(array: np.ndarray, length: int) -> np.ndarray:
-    return array.reshape(length, -1, order="F")
 
 
 # ------------------------------------------------------------------------------ known structures

@@ -20,9 +20,7 @@ import numpy as np
 
 from tridentify.errors import ForeignObjectError, TextInColumnError, shown
 from tridentify.numerics.arrays import Array
-from tridentify.record.formats.channels import Channel
-
-__all__ = ["MdfFile", "open_file", "plain_formula"]
+from tridentify.record.formats.channels import Channel, SampledFile
 
 FUNCTIONS = frozenset({"x", "x1", "abs", "sqrt", "exp", "log", "log10", "pow", "floor", "ceil"}) | {
     *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "arcsin", "arccos", "arctan"),
@@ -37,7 +35,7 @@ _TOKEN = re.compile(
 )
 
 
-class MdfFile:
+class MdfFile(SampledFile):
     """An MDF file as an `OpenFile`."""
 
     def __init__(self, path: Path) -> None:
@@ -74,10 +72,6 @@ class MdfFile:
             return None
         self._check_conversion(master)
         return np.asarray(self._mdf.get_master(g), dtype=np.float64)
-
-    def place(self, row: int) -> str:
-        """Name a sample by its number, from 1."""
-        return f"sample {row + 1}"
 
     def _values(self, g: int, k: int) -> Array:
         channel = self._mdf.groups[g].channels[k]

@@ -10,16 +10,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import prod
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
-from tridentify.errors import ForeignObjectError, TextInColumnError, UnreadableFileError, shown
+from tridentify.errors import UnreadableFileError, shown
 from tridentify.numerics.arrays import Array
-from tridentify.record.formats.channels import Channel, header_channel
+from tridentify.record.formats.channels import (
+    SampledFile,
+    header_channel,
+    real_numbers,
+    refuse_objects,
+)
 from tridentify.record.formats.isolation import check_size
-
-__all__ = ["MARK", "NpyFile", "open_file"]
 
 MARK = b"\x93NUMPY"
 """What a file of NumPy begins with."""
@@ -28,27 +31,27 @@ MOST_COLUMNS = 1000
 """Columns of an array; more are samples lying on their side."""
 
 
-class NpyFile:
+def read_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Shape, whether the first index runs fastest, and kind of the array that follows."""
+    first = np.lib.format.read_magic(stream) == (1, 0)
+    formats = np.lib.format
+    return (formats.read_array_header_1_0 if first else formats.read_array_header_2_0)(stream)
+
+
+class NpyFile(SampledFile):
     """A NumPy array as an `OpenFile`, and as one that is read in parts."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         with path.open("rb") as stream:
-            version = np.lib.format.read_magic(stream)
-            first = version == (1, 0)
-            header = np.lib.format.read_array_header_1_0 if first else (
-                np.lib.format.read_array_header_2_0
-            )  # fmt: skip
-            self._shape, self._fortran, self._kind = header(stream)
+            self._shape, self._fortran, self._kind = read_header(stream)
             self._begin = stream.tell()
         self._check_shape()
         self.n_samples = int(self._shape[0])
         names = self._kind.names or (
             ("x",) if len(self._shape) == 1 else [f"x[{k}]" for k in range(self._shape[1])]
         )
-        self.channels: tuple[Channel, ...] = tuple(
-            header_channel(name, self.n_samples) for name in names
-        )
+        self.channels = tuple(header_channel(name, self.n_samples) for name in names)
 
     def _check_shape(self) -> None:
         """Refuse what is no table, and a file that ends before the array does."""
@@ -61,11 +64,7 @@ class NpyFile:
             )
         expected = self._begin + prod(shape) * self._kind.itemsize
         there = self.path.stat().st_size
-        if self._kind.hasobject:
-            raise ForeignObjectError(
-                f"found Python objects in {name}; expected numbers, since objects would have to be "
-                "unpickled, which can run any program; save the array as float"
-            )
+        refuse_objects(self._kind, name)
         if there < expected:
             raise UnreadableFileError(
                 f"found {there} bytes in {name}; expected {expected} for an array of shape "
@@ -74,7 +73,7 @@ class NpyFile:
 
     def part(self, indices: Sequence[int], start: int, stop: int) -> Array:
         """(stop - start, n) samples of some channels; positions in `channels`."""
-        columns: list[Any] = []
+        columns = []
         mapped = np.memmap(
             self.path, self._kind, "r", self._begin, self._shape, "F" if self._fortran else "C"
         )
@@ -84,25 +83,13 @@ class NpyFile:
                 rows = rows[self._kind.names[index]]
             elif len(self._shape) == 2:
                 rows = rows[:, index]
-            if rows.dtype.kind not in "fiub":
-                raise TextInColumnError(
-                    f"found {rows.dtype} in {shown(self.channels[index].header)} of "
-                    f"{shown(self.path.name)}; expected real numbers; save the array as float"
-                )
-            columns.append(np.asarray(rows, dtype=np.float64))
+            columns.append(real_numbers(rows, shown(self.channels[index].header), self.path))
         return np.column_stack(columns)
 
     def read(self, indices: Sequence[int]) -> list[Array]:
         """Give channels as numbers."""
         check_size(8 * len(indices) * self.n_samples, self.path)
         return list(self.part(indices, 0, self.n_samples).T)
-
-    def instants(self, clock: str) -> Array | None:
-        """Give nothing: the time is a column."""
-
-    def place(self, row: int) -> str:
-        """Name a sample by its number, from 1."""
-        return f"sample {row + 1}"
 
 
 open_file = NpyFile

@@ -14,15 +14,17 @@ from pathlib import Path
 
 import numpy as np
 
-from tridentify.errors import ForeignObjectError, TextInColumnError, UnreadableFileError, shown
+from tridentify.errors import UnreadableFileError, shown
 from tridentify.numerics.arrays import Array
-from tridentify.record.formats.channels import Channel, header_channel
+from tridentify.record.formats.channels import (
+    Channel,
+    SampledFile,
+    header_channel,
+    real_numbers,
+    refuse_objects,
+)
 from tridentify.record.formats.isolation import check_size
-
-__all__ = ["NpzFile", "open_file"]
-
-MOST_COLUMNS = 1000
-"""As of `matlab_tree`: more columns than that are samples, on their side."""
+from tridentify.record.formats.npy import MOST_COLUMNS, read_header
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,7 @@ class ArchiveMember:
     column: int | None
 
 
-class NpzFile:
+class NpzFile(SampledFile):
     """A NumPy archive as an `OpenFile`."""
 
     def __init__(self, path: Path) -> None:
@@ -72,8 +74,9 @@ class NpzFile:
         check_size(sum(self._sizes[name] for name in wanted), self.path)
         with np.load(self.path, allow_pickle=False) as archive:
             for name in dict.fromkeys(self._sources[index].array for index in indices):
-                self._check_kind(name)
-                arrays[name] = np.asarray(archive[name], dtype=np.float64)
+                what = f"array {shown(name)}"
+                refuse_objects(self._kinds[name], f"{what} of {shown(self.path.name)}")
+                arrays[name] = real_numbers(archive[name], what, self.path)
         return [
             arrays[source.array]
             if source.column is None
@@ -81,37 +84,12 @@ class NpzFile:
             for source in (self._sources[index] for index in indices)
         ]
 
-    def instants(self, clock: str) -> Array | None:
-        """Give nothing: the time is an array."""
-
-    def place(self, row: int) -> str:
-        """Name a sample by its number, from 1."""
-        return f"sample {row + 1}"
-
-    def _check_kind(self, name: str) -> None:
-        kind = self._kinds[name]
-        if kind.hasobject:
-            raise ForeignObjectError(
-                f"found Python objects in array {shown(name)} of {shown(self.path.name)}; expected "
-                "numbers, since objects would have to be unpickled, which can run any program; "
-                "save the array as float"
-            )
-        if kind.kind not in "fiub":
-            raise TextInColumnError(
-                f"found {kind} in array {shown(name)} of {shown(self.path.name)}; expected real "
-                "numbers; save the array as float"
-            )
-
 
 def _array_header(
     archive: zipfile.ZipFile, entry: zipfile.ZipInfo
 ) -> tuple[tuple[int, ...], np.dtype[np.generic]]:
     with archive.open(entry) as stream:
-        version = np.lib.format.read_magic(stream)
-        read = np.lib.format.read_array_header_1_0
-        if version != (1, 0):
-            read = np.lib.format.read_array_header_2_0
-        shape, _, kind = read(stream)
+        shape, _, kind = read_header(stream)
     if any(extent < 0 for extent in shape):
         raise ValueError(f"array of shape {shown(shape)}")
     return shape, kind

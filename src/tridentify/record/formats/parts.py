@@ -20,8 +20,6 @@ from tridentify.record.formats.channels import Channel, OpenFile
 from tridentify.record.formats.text_opening import check_readable
 from tridentify.record.formats.zarr import MARKS, ZarrStore
 
-__all__ = ["Part", "PartedFile", "has_parts", "open_parts"]
-
 ARROW_MARKS = (b"PAR1", b"ARROW1")
 """What Parquet and Feather files begin with."""
 

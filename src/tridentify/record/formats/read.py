@@ -24,8 +24,6 @@ from tridentify.record.formats.text_opening import check_readable
 from tridentify.record.record import Record
 from tridentify.writing.layout import printable
 
-__all__ = ["FORMATS", "Format", "list_channels", "opened", "read_record", "read_records"]
-
 
 @dataclass(frozen=True)
 class Format:

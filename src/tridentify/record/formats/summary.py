@@ -16,16 +16,6 @@ from tridentify.record.formats.assemble import time_channels
 from tridentify.record.formats.channels import SECONDS, Channel, OpenFile
 from tridentify.record.formats.roles import guess_roles
 
-__all__ = [
-    "ChannelSummary",
-    "ClockSummary",
-    "channel_summaries",
-    "clock_summaries",
-    "read_numbers",
-    "summed_up",
-]
-
-
 PATIENCE = 20.0
 """Time for the channels of a file [s]: a table of many columns of text would take hours."""
 

@@ -63,9 +63,8 @@ def check_readable(file: Path) -> bytes:
 
 def not_text(file: Path, reason: str) -> UnreadableFileError:
     """The error that says why a file cannot be read as text."""
-    return UnreadableFileError(
-        f"found {reason} in {shown(file.name)}; expected CSV text in UTF-8; save the file as CSV "
-        "in UTF-8"
+    return UnreadableFileError.found(
+        f"{reason} in ", file.name, "CSV text in UTF-8", "save the file as CSV in UTF-8"
     )
 
 

@@ -52,17 +52,6 @@ from tridentify.record.formats.cells import (
 )
 from tridentify.record.formats.dates import Instants, read_moment
 from tridentify.record.formats.isolation import check_size
-from tridentify.record.formats.text_opening import (
-    CHUNK,
-    COMMENTS,
-    LATER_BYTES,
-    as_latin_1,
-    check_readable,
-    check_row,
-    encoding_of,
-    not_text,
-    read_opening,
-)
 from tridentify.record.formats.title_lines import LOOKED_AT
 
 MOST_TEXT_COLUMNS = 1_000_000
@@ -134,9 +123,9 @@ def open_table(path: str | os.PathLike[str]) -> TextTable:
         A name occurs twice.
     """
     file = Path(path)
-    check_readable(file)
-    encoding = encoding_of(file)
-    opening = read_opening(file, encoding)
+    text_opening.check_readable(file)
+    encoding = text_opening.encoding_of(file)
+    opening = text_opening.read_opening(file, encoding)
     rows = _rows(file, encoding, opening.separator, opening.first_line)
     header = next(((cells, n) for cells, n in rows if any(cell.strip() for cell in cells)), None)
     if header is None:
@@ -244,7 +233,7 @@ class _DecimalCommaFound(Exception):
     """A cell has a decimal comma where a decimal point was looked for."""
 
 
-codecs.register_error(LATER_BYTES, as_latin_1)
+codecs.register_error(text_opening.LATER_BYTES, text_opening.as_latin_1)
 
 
 def _rows(
@@ -259,28 +248,30 @@ def _rows(
         while line := stream.readline(text_opening.LONGEST_ROW):
             number += 1
             length += len(line)
-            check_row(file, length, number)
+            text_opening.check_row(file, length, number)
             if len(line) > MOST_TEXT_COLUMNS and line.count(separator) >= MOST_TEXT_COLUMNS:
-                raise not_text(file, f"more than {MOST_TEXT_COLUMNS:,} columns in line {number}")
+                raise text_opening.not_text(
+                    file, f"more than {MOST_TEXT_COLUMNS:,} columns in line {number}"
+                )
             yield "\n" if number < first_line else line
 
     try:
-        with file.open(encoding=encoding, errors=LATER_BYTES, newline="") as stream:
+        with file.open(encoding=encoding, errors=text_opening.LATER_BYTES, newline="") as stream:
             reader = csv.reader(lines(stream), delimiter=separator)
             for cells in reader:
                 length = 0
                 if any("\0" in cell for cell in cells):
-                    raise not_text(file, f"binary content at line {reader.line_num}")
-                if not (cells and cells[0].lstrip().startswith(COMMENTS)):
+                    raise text_opening.not_text(file, f"binary content at line {reader.line_num}")
+                if not (cells and cells[0].lstrip().startswith(text_opening.COMMENTS)):
                     yield cells, reader.line_num
     except UnreadableFileError:
         raise
     except UnicodeError as error:
-        raise not_text(file, "binary content or another encoding") from error
+        raise text_opening.not_text(file, "binary content or another encoding") from error
     except csv.Error as error:
-        raise not_text(file, f"binary or damaged content ({error})") from error
+        raise text_opening.not_text(file, f"binary or damaged content ({error})") from error
     except OSError as error:
-        raise not_text(file, f"a read error ({error.strerror})") from error
+        raise text_opening.not_text(file, f"a read error ({error.strerror})") from error
 
 
 def _count_clean_rows(table: TextTable) -> int | None:
@@ -290,7 +281,7 @@ def _count_clean_rows(table: TextTable) -> int | None:
     with table.path.open("rb") as stream:
         for _ in range(table.header_lines):
             stream.readline()
-        while chunk := stream.read(CHUNK):
+        while chunk := stream.read(text_opening.CHUNK):
             # a quote that is never closed makes polars panic; a comment is no row
             if any(mark in chunk for mark in (b'"', b"\0", b"#", b"%")):
                 return None

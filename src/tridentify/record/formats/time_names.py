@@ -7,16 +7,6 @@ from collections.abc import Sequence
 
 from tridentify.numerics.arrays import Array
 
-__all__ = [
-    "epoch_unit",
-    "is_called_time",
-    "is_epoch",
-    "is_stamp",
-    "named_time",
-    "unit_in_name",
-    "unit_of_clock",
-]
-
 ENGLISH_NAMES = ("t", "time")
 TIME_NAMES = (*ENGLISH_NAMES, "zeit", "temps", "tiempo", "tempo", "tijd")
 """What a channel of time is called, in any case: the first two come before what other languages

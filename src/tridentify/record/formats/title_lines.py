@@ -14,8 +14,6 @@ from collections.abc import Sequence
 
 from tridentify.record.formats.cells import SEPARATORS, is_value, unit_cells
 
-__all__ = ["best_separator", "header_place"]
-
 _UNCLOSED = re.compile(r'(?:^|[,;\t|])\s*"')
 
 LOOKED_AT = 64

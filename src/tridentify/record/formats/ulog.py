@@ -17,8 +17,6 @@ from tridentify.errors import UnreadableFileError, shown
 from tridentify.numerics.arrays import Array
 from tridentify.record.formats.channels import Channel
 
-__all__ = ["UlogFile", "open_file"]
-
 STAMP = "timestamp"
 
 

@@ -11,18 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from tridentify.errors import LengthMismatchError, TextInColumnError, UnreadableFileError, shown
+from tridentify.errors import LengthMismatchError, UnreadableFileError, shown
 from tridentify.numerics.arrays import Array
-from tridentify.record.formats.channels import Channel, header_channel
+from tridentify.record.formats.channels import Channel, SampledFile, header_channel, real_numbers
 from tridentify.record.formats.requirements import require
-
-__all__ = ["MARKS", "ZarrStore"]
 
 MARKS = ("zarr.json", ".zgroup", ".zarray")
 """Files by which the folder of a store is known, versions 3 and 2."""
 
 
-class ZarrStore:
+class ZarrStore(SampledFile):
     """A Zarr store as a file that is read in parts."""
 
     def __init__(self, path: Path) -> None:
@@ -54,7 +52,7 @@ class ZarrStore:
                 f"found arrays of {min(lengths)} and {max(lengths)} samples in {shown(path.name)}; "
                 "expected one length; name a group whose arrays were sampled together"
             )
-        self.channels: tuple[Channel, ...] = tuple(channels)
+        self.channels = tuple(channels)
         self.n_samples = lengths.pop()
 
     def part(self, indices: Sequence[int], start: int, stop: int) -> Array:
@@ -62,22 +60,10 @@ class ZarrStore:
         columns = []
         for index in indices:
             array, column = self._places[index]
-            if array.dtype.kind not in "fiub":
-                raise TextInColumnError(
-                    f"found {array.dtype} in {shown(self.channels[index].header)} of "
-                    f"{shown(self.path.name)}; expected real numbers; save the array as float"
-                )
             rows = array[start:stop] if column is None else array[start:stop, column]
-            columns.append(np.asarray(rows, dtype=np.float64))
+            columns.append(real_numbers(rows, shown(self.channels[index].header), self.path))
         return np.column_stack(columns)
 
     def read(self, indices: Sequence[int]) -> list[Array]:
         """Give channels as numbers."""
         return list(self.part(indices, 0, self.n_samples).T)
-
-    def instants(self, clock: str) -> Array | None:
-        """Give nothing: the time is an array."""
-
-    def place(self, row: int) -> str:
-        """Name a sample by its number, from 1."""
-        return f"sample {row + 1}"

@@ -21,13 +21,7 @@ from tridentify.identify import METHODS, search
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 from tridentify.structure import Structure
-from tridentify.studies.declared.nouns import (
-    DeclaredMethod,
-    DeclaredSystem,
-    Offered,
-    Options,
-    refusal,
-)
+from tridentify.studies.declared import nouns
 from tridentify.studies.step_2_alone import step_2_alone
 
 PAPER, STEP_2_ALONE, OUTPUT_ERROR = "paper", "step-2-alone", "output-error"
@@ -49,7 +43,7 @@ class Answer(NamedTuple):
     ok: bool
 
 
-def options_of(kind: str) -> Offered:
+def options_of(kind: str) -> nouns.Offered:
     """Options that a method takes.
 
     Parameters
@@ -63,14 +57,14 @@ def options_of(kind: str) -> Offered:
     ('filter', 'corner')
     """
     if kind == STEP_2_ALONE:
-        return Offered(("filter", SCALED))
+        return nouns.Offered(("filter", SCALED))
     if kind == PAPER:
-        own = Offered.by(ThreeModel.paper)
-        return Offered((*own.names, SCALED), own.needed)
-    return Offered.by(METHODS[kind])
+        own = nouns.Offered.by(ThreeModel.paper)
+        return nouns.Offered((*own.names, SCALED), own.needed)
+    return nouns.Offered.by(METHODS[kind])
 
 
-def checked_for(method: DeclaredMethod, system: DeclaredSystem) -> None:
+def checked_for(method: nouns.DeclaredMethod, system: nouns.DeclaredSystem) -> None:
     """Refuse a method that cannot be made for a system.
 
     Parameters
@@ -90,10 +84,10 @@ def checked_for(method: DeclaredMethod, system: DeclaredSystem) -> None:
         else:
             _made(method, system)
     except (TridentifyError, TypeError, ValueError) as error:
-        raise refusal(f"[methods.{method.name}]", error) from error
+        raise nouns.refusal(f"[methods.{method.name}]", error) from error
 
 
-def attempt(method: DeclaredMethod, system: DeclaredSystem, record: Record) -> Answer:
+def attempt(method: nouns.DeclaredMethod, system: nouns.DeclaredSystem, record: Record) -> Answer:
     """Identify one record by one method.
 
     Parameters
@@ -125,12 +119,12 @@ def attempt(method: DeclaredMethod, system: DeclaredSystem, record: Record) -> A
     return Answer(theta, ends, estimate.status.name, bool(estimate.status.ok))
 
 
-def _structure(method: DeclaredMethod, system: DeclaredSystem) -> Structure:
+def _structure(method: nouns.DeclaredMethod, system: nouns.DeclaredSystem) -> Structure:
     told = {**AT_REST, **dict(method.structure)}
     return Structure(len(system.den) - 1, len(system.num) - 1, **told)
 
 
-def _made(method: DeclaredMethod, system: DeclaredSystem) -> Method:
+def _made(method: nouns.DeclaredMethod, system: nouns.DeclaredSystem) -> Method:
     options = dict(method.options)
     if method.kind == PAPER:
         return ThreeModel.paper(**_scaled(method.options, system))
@@ -145,7 +139,7 @@ def _made(method: DeclaredMethod, system: DeclaredSystem) -> Method:
     return made(**options)
 
 
-def _scaled(options: Options, system: DeclaredSystem) -> dict[str, Any]:
+def _scaled(options: nouns.Options, system: nouns.DeclaredSystem) -> dict[str, Any]:
     """Options with gamma and filter for the corner frequency of the system."""
     found = dict(options)
     corner = found.pop(SCALED, None)
@@ -163,12 +157,10 @@ def _scaled(options: Options, system: DeclaredSystem) -> dict[str, Any]:
     return found
 
 
-def _filter(options: Mapping[str, Any], system: DeclaredSystem) -> tuple[float, ...]:
+def _filter(options: Mapping[str, Any], system: nouns.DeclaredSystem) -> tuple[float, ...]:
     filter_ = tuple(options.get("filter", PAPER_FILTER))
     if not all(isinstance(value, int | float) for value in filter_):
-        raise OptionError(
-            f"found filter={shown(filter_)}; expected numbers in descending powers; correct it"
-        )
+        raise OptionError.found("filter=", filter_, "numbers in descending powers")
     if len(filter_) <= len(system.den):
         raise OptionError(
             f"found a filter of degree {len(filter_) - 1} for the {len(system.den) - 1} poles of "

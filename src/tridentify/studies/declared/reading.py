@@ -16,30 +16,8 @@ from typing import Any
 import numpy as np
 
 from tridentify.errors import OptionError, UnreadableFileError, shown
-from tridentify.studies.declared.draw import (
-    ARMA,
-    INPUTS,
-    NOISES,
-    STEP,
-    STUDENT,
-    drawn,
-    input_options,
-    prepare,
-    samples_of,
-)
+from tridentify.studies.declared import draw, nouns
 from tridentify.studies.declared.methods import KINDS, checked_for, options_of
-from tridentify.studies.declared.nouns import (
-    DeclaredGrid,
-    DeclaredInput,
-    DeclaredMethod,
-    DeclaredNoise,
-    DeclaredStudy,
-    DeclaredSystem,
-    Offered,
-    Options,
-    cells,
-    meetings,
-)
 
 DRAWS = 200
 """Where a file does not say how many."""
@@ -54,7 +32,7 @@ MOST_DEGREES = 20
 precision."""
 MEASURES = ("std", "ratio", "snr")
 PARTS = ("systems", "inputs", "noises", "methods")
-STRUCTURE = Offered(("offset", "drift", "initial_state"))
+STRUCTURE = nouns.Offered(("offset", "drift", "initial_state"))
 LARGEST_FILE = 1_000_000
 """Bytes: ten thousand times a study; whoever has more has another file."""
 
@@ -84,7 +62,7 @@ class _Section:
                 f"{self.where}: found {key} = {shown(value)}; expected {expected}; correct it"
             ) from None
 
-    def rest(self, offered: Offered) -> Options:
+    def rest(self, offered: nouns.Offered) -> nouns.Options:
         """Options whose values another place checks, hashable."""
         self.known += offered.names
         missing = [name for name in offered.needed if name not in self.left]
@@ -104,7 +82,7 @@ class _Section:
             )
 
 
-def read_study(path: str | os.PathLike[str]) -> DeclaredStudy:
+def read_study(path: str | os.PathLike[str]) -> nouns.DeclaredStudy:
     """Read a study from a TOML file.
 
     Parameters
@@ -144,7 +122,7 @@ def read_study(path: str | os.PathLike[str]) -> DeclaredStudy:
     return study_from(document, place.stem)
 
 
-def study_from(document: Mapping[str, Any], name: str = "study") -> DeclaredStudy:
+def study_from(document: Mapping[str, Any], name: str = "study") -> nouns.DeclaredStudy:
     """Make a study of what a file says.
 
     Parameters
@@ -182,7 +160,9 @@ def study_from(document: Mapping[str, Any], name: str = "study") -> DeclaredStud
     grids = _grids(top, names, levels)
     top.finish()
     noises = tuple(noise for own in families.values() for noise in own)
-    study = DeclaredStudy(name, description, draws, seed, systems, inputs, noises, methods, grids)
+    study = nouns.DeclaredStudy(
+        name, description, draws, seed, systems, inputs, noises, methods, grids
+    )
     _check(study)
     return study
 
@@ -209,7 +189,7 @@ def _named(section: _Section) -> str:
     return section.where.partition(".")[2][:-1]
 
 
-def _system(section: _Section) -> DeclaredSystem:
+def _system(section: _Section) -> nouns.DeclaredSystem:
     num = section.take("num", _coefficients, "numbers in descending powers, the first not zero")
     den = section.take("den", _coefficients, "numbers in descending powers, the first not zero")
     section.finish()
@@ -219,30 +199,30 @@ def _system(section: _Section) -> DeclaredSystem:
             f"{MOST_DEGREES} poles and at most as many zeros; correct num and den"
         )
     scaled = (tuple(value / den[0] for value in row) for row in (num, den))
-    return DeclaredSystem(_named(section), *scaled)
+    return nouns.DeclaredSystem(_named(section), *scaled)
 
 
-def _input(section: _Section) -> DeclaredInput:
-    kind = section.take("kind", _one_of(INPUTS), _listed(INPUTS))
+def _input(section: _Section) -> nouns.DeclaredInput:
+    kind = section.take("kind", _one_of(draw.INPUTS), _listed(draw.INPUTS))
     dt = section.take("dt", _above(0), "a number above zero [s]")
     count = _count(1, MOST_SAMPLES)
-    missing = () if kind == STEP else (None,)
+    missing = () if kind == draw.STEP else (None,)
     samples = section.take("samples", count, f"a whole number from 1 to {MOST_SAMPLES}", *missing)
-    options = section.rest(input_options(kind))
+    options = section.rest(draw.input_options(kind))
     section.finish()
-    signal = DeclaredInput(_named(section), kind, dt, samples, options)
-    if kind == STEP and not all(_is_number(value) for _, value in options):
+    signal = nouns.DeclaredInput(_named(section), kind, dt, samples, options)
+    if kind == draw.STEP and not all(_is_number(value) for _, value in options):
         raise OptionError(
             f"{section.where}: found amplitude = {shown(options[0][1])}; expected a number; "
             "correct it"
         )
-    samples_of(signal)
+    draw.samples_of(signal)
     return signal
 
 
-def _noises(section: _Section) -> tuple[DeclaredNoise, ...]:
+def _noises(section: _Section) -> tuple[nouns.DeclaredNoise, ...]:
     """One noise for each level; where there are several, the level is part of the name."""
-    kind = section.take("kind", _one_of(tuple(NOISES)), _listed(tuple(NOISES)), "white")
+    kind = section.take("kind", _one_of(tuple(draw.NOISES)), _listed(tuple(draw.NOISES)), "white")
     given = [measure for measure in MEASURES if measure in section.left]
     if len(given) != 1:
         raise OptionError(
@@ -253,35 +233,37 @@ def _noises(section: _Section) -> tuple[DeclaredNoise, ...]:
     levels = section.take(
         given[0], _levels(given[0]), "a number or a list of numbers, not below zero but for snr"
     )
-    options: Options = ()
-    if kind == STUDENT:
+    options: nouns.Options = ()
+    if kind == draw.STUDENT:
         options = (("degrees", section.take("degrees", _above(2), "a number above 2")),)
-    elif kind == ARMA:
+    elif kind == draw.ARMA:
         expected = "numbers, the first not zero"
-        options = tuple((n, section.take(n, _coefficients, expected, (1.0,))) for n in NOISES[ARMA])
+        options = tuple(
+            (n, section.take(n, _coefficients, expected, (1.0,))) for n in draw.NOISES[draw.ARMA]
+        )
     section.finish()
     name, several = _named(section), isinstance(levels, tuple)
     found = tuple(
-        DeclaredNoise(
+        nouns.DeclaredNoise(
             f"{name} {given[0]} {level:g}" if several else name, kind, given[0], level, options
         )
         for level in (levels if several else (levels,))
     )
-    drawn(found[0], np.random.default_rng(0), 1)
+    draw.drawn(found[0], np.random.default_rng(0), 1)
     return found
 
 
-def _method(section: _Section) -> DeclaredMethod:
+def _method(section: _Section) -> nouns.DeclaredMethod:
     kind = section.take("kind", _one_of(KINDS), _listed(KINDS))
     structure = section.rest(STRUCTURE)
     options = section.rest(options_of(kind))
     section.finish()
-    return DeclaredMethod(_named(section), kind, structure, options)
+    return nouns.DeclaredMethod(_named(section), kind, structure, options)
 
 
 def _grids(
     top: _Section, names: Mapping[str, tuple[str, ...]], levels: Mapping[str, tuple[str, ...]]
-) -> tuple[DeclaredGrid, ...]:
+) -> tuple[nouns.DeclaredGrid, ...]:
     """Who meets whom: all, unless the file has [[cells]]."""
     given = top.take("cells", _tables, "tables [[cells]]", [{}])
     found = []
@@ -298,15 +280,17 @@ def _grids(
         }
         section.finish()
         chosen["noises"] = tuple(one for family in chosen["noises"] for one in levels[family])
-        found.append(DeclaredGrid(**chosen))
+        found.append(nouns.DeclaredGrid(**chosen))
     return tuple(found)
 
 
-def _check(study: DeclaredStudy) -> None:
+def _check(study: nouns.DeclaredStudy) -> None:
     """Refuse what shows only when the parts come together."""
-    for cell in cells(study):
-        prepare(cell)
-    for system, method in dict.fromkeys((cell.system, method) for cell, method in meetings(study)):
+    for cell in nouns.cells(study):
+        draw.prepare(cell)
+    for system, method in dict.fromkeys(
+        (cell.system, method) for cell, method in nouns.meetings(study)
+    ):
         checked_for(method, system)
 
 

@@ -7,9 +7,8 @@ the folder: a lock that the system lets go of when the process ends, however it 
 
 from __future__ import annotations
 
-import contextlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,6 @@ from typing import Any
 from tridentify.errors import OptionError, OutputPathError, UnreadableFileError, shown
 from tridentify.studies.declared.draw import Row
 from tridentify.writing.files import write_atomically
-from tridentify.writing.lock import alone_in
 
 SETTINGS = "study.json"
 ROWS = "draws.jsonl"
@@ -50,22 +48,6 @@ class DrawStore:
     """
 
     folder: Path
-
-    @contextlib.contextmanager
-    def alone(self) -> Iterator[None]:
-        """Hold the folder for this run; it is made if it is not there.
-
-        Raises
-        ------
-        OutputPathError
-            It cannot be made, or another run is at work in it.
-        """
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise self._refusal(error) from error
-        with alone_in(self.folder):
-            yield
 
     def begin(self, settings: Mapping[str, Any]) -> list[Row]:
         """Make sure that what is there goes with these settings, and give it.
@@ -178,7 +160,6 @@ def _content(path: Path) -> Mapping[str, Any]:
             return dict(found["settings"])
     except (OSError, ValueError, KeyError, TypeError):
         pass
-    raise UnreadableFileError(
-        f"found no settings of a study in {shown(str(path))}; expected those of form {FORM}; "
-        "choose another folder"
+    raise UnreadableFileError.found(
+        "no settings of a study in ", str(path), f"those of form {FORM}", "choose another folder"
     )

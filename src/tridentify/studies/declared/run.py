@@ -17,6 +17,7 @@ from tridentify.studies.declared.reading import read_study
 from tridentify.studies.declared.result import DeclaredResult
 from tridentify.studies.declared.results import DrawStore, Key, key_of
 from tridentify.studies.declared.working import Draw, rows_of
+from tridentify.writing.lock import alone_in
 
 TURN = 5
 """Draws of a cell by one method before the others have their turn: what all draws of a cell share
@@ -102,7 +103,7 @@ def run_study(
         keep: Callable[[Sequence[Row]], None] = rows.extend
         if out is not None:
             store = DrawStore(Path(out))
-            stack.enter_context(store.alone())
+            stack.enter_context(alone_in(store.folder))
             rows = store.begin(chosen.settings())
 
             def keep(new: Sequence[Row]) -> None:

@@ -16,9 +16,6 @@ from tridentify.numerics.arrays import Array
 from tridentify.record.formats.cells import MISSING
 from tridentify.record.formats.streams.header import HeaderColumns
 
-__all__ = ["MANY", "plain_number", "read_with_float", "read_with_polars"]
-
-
 MANY = 256
 """Lines from which polars is the quicker one."""
 _BLANK = {token.encode(): b"nan" for word in MISSING for token in (word, word.upper())} | {

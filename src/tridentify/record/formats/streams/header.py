@@ -11,17 +11,20 @@ from tridentify.errors import (
     ChannelNameError,
     DuplicateColumnError,
     SamplingError,
-    UnitError,
     shown,
 )
 from tridentify.numerics.arrays import Array
 from tridentify.record.checks.names import file_units
 from tridentify.record.formats.assemble import find_channel
-from tridentify.record.formats.channels import SECONDS, Channel, OpenFile, header_channel
+from tridentify.record.formats.channels import (
+    Channel,
+    OpenFile,
+    SampledFile,
+    header_channel,
+    seconds_of,
+)
 from tridentify.record.formats.text_table import repeated_name
 from tridentify.record.formats.time_names import named_time, unit_in_name
-
-__all__ = ["Asked", "HeaderColumns", "find_columns"]
 
 
 @dataclass(frozen=True)
@@ -85,7 +88,7 @@ class HeaderColumns:
 
 
 @dataclass(frozen=True)
-class _Header:
+class _Header(SampledFile):
     """The names of columns as an `OpenFile`, so that they are found as in a file."""
 
     path: Path
@@ -93,12 +96,6 @@ class _Header:
 
     def read(self, indices: Sequence[int]) -> list[Array]:
         return []
-
-    def instants(self, clock: str) -> Array | None:
-        return None
-
-    def place(self, row: int) -> str:
-        return ""
 
 
 def find_columns(names: Sequence[str], units: Sequence[str], asked: Asked) -> HeaderColumns:
@@ -183,12 +180,7 @@ def _clock(table: OpenFile, asked: Asked) -> Channel:
 
 def _scale(clock: Channel, given: dict[str, str]) -> float:
     unit = given.get(clock.header, given.get(clock.name, clock.unit)) or unit_in_name(clock.name)
-    if unit not in SECONDS:
-        raise UnitError(
-            f"found the unit {shown(unit)} of the time column {shown(clock.header)}; expected s, "
-            "ms, us, ns, min or h; convert the column to seconds or correct the unit"
-        )
-    return SECONDS[unit]
+    return seconds_of(unit, clock.header)
 
 
 def split_columns(text: str) -> tuple[str, ...]:

@@ -10,8 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-__all__ = ["LONGEST_LINE", "LineCutter", "WholeLines"]
-
 LONGEST_LINE = 1 << 16
 """Bytes in a line beyond which it is no line of samples."""
 

@@ -36,20 +36,12 @@ from tridentify.record.checks.values import (
 )
 from tridentify.record.formats.cells import SEPARATORS, all_numbers, read_number, unit_cells
 from tridentify.record.formats.channels import SECONDS
-from tridentify.record.formats.streams.blocks import (
-    MANY,
-    plain_number,
-    read_with_float,
-    read_with_polars,
-)
+from tridentify.record.formats.streams import blocks
 from tridentify.record.formats.streams.header import Asked, HeaderColumns, find_columns
 from tridentify.record.formats.streams.lines import LONGEST_LINE, WholeLines
 from tridentify.record.formats.streams.read_rows import AROUND, BadLine, BadLineError, Rows, decoded
 from tridentify.record.formats.text_opening import COMMENTS
 from tridentify.record.formats.title_lines import best_separator
-
-__all__ = ["RowReader"]
-
 
 _FEW = 16
 """Lines that are read one by one rather than in halves: those among them that are wrong are
@@ -342,7 +334,7 @@ class RowReader:
             if b"." in text:
                 return None
             text = text.replace(b",", b".")
-        read = read_with_polars if len(ends) >= MANY else read_with_float
+        read = blocks.read_with_polars if len(ends) >= blocks.MANY else blocks.read_with_float
         values = read(text, separator.decode(), columns, len(ends))
         return None if values is None else self._sound(values)
 
@@ -481,7 +473,7 @@ class RowReader:
         columns = self._columns
         assert columns is not None
         try:
-            return self._checked([plain_number(found[name]) for name in columns.headers])
+            return self._checked([blocks.plain_number(found[name]) for name in columns.headers])
         except KeyError as error:
             raise BadLineError(
                 f"found no {shown(error.args[0])} in the object; expected it, or null where a "

@@ -25,14 +25,6 @@ from typing import BinaryIO, Protocol
 
 from tridentify.errors import UnreadableFileError, shown
 
-__all__ = [
-    "FileSource",
-    "Mark",
-    "Chunk",
-    "PipeSource",
-    "ByteSource",
-]
-
 PIECE = 1 << 20
 """Most bytes that are read from a file at once."""
 WAIT = 0.1

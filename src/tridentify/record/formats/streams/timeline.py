@@ -30,9 +30,6 @@ from tridentify.numerics.arrays import Array
 from tridentify.record.checks.times import TIME_TOLERANCE, uniform_step
 from tridentify.record.checks.values import check_keys, checked, finite_number, whole_number
 
-__all__ = ["OPENING", "SET_BACK", "Timeline", "nominal_step"]
-
-
 NEARLY = 0.05
 """Largest departure from a whole number of steps, in steps, where only these will do."""
 OPENING = 32
