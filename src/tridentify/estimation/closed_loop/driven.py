@@ -41,8 +41,9 @@ SLOW_EDGE = 3.0
 FAST_EDGE = 1.0
 """Fastest rate times sampling interval: that of the fastest loops; of faster operators the samples
 show no shape, and they are hardly told apart."""
-BESIDE = (0.5, 2.0)
-"""Rates over that of a description, of those whose distances from it tell how far it may be off."""
+BESIDE = (0.5, 2.0, 4.0, 8.0)
+"""Rates over that of a description, of those whose distances from it tell how far it may be off:
+loops that are over within a sample are faster than any rate that is tried."""
 COARSE = 0.3
 """Rate of the loop times sampling interval from which what a continuous controller does between the
 samples counts: standard errors are then a fifth too small and more."""
@@ -210,11 +211,11 @@ def widest(record: Record, rate: float, before: Array, most: int = MOST_FUNCTION
 
 
 def described_otherwise(part: Driven) -> list[Driven]:
-    """Operators of half the rate and of twice the rate, where they explain the inputs as well.
+    """Operators of slower and of faster rates, where they explain the inputs as well.
 
     They pass through the same samples. Where a loop is slow beside these they agree between them
     too; where it is fast, they are as far from each other as from what was there. One that misses
-    the samples is none, nor are both where a part of a slow loop was told apart from the noise: it
+    the samples is none, nor is any where a part of a slow loop was told apart from the noise: it
     is known better than they are. The part itself then takes their place.
     """
     step = float(np.median(np.diff(part.record.t)))
