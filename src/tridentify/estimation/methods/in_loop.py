@@ -135,16 +135,15 @@ def _between(
     straight: Behaviour = "foh" if held else "zoh"
     # of a held record the input that is foretold would be held too
     moved = _settled(plant, [Loop(Foretold.of(_with(one, "foh")), "continuous") for one in records])
-    contradicted = held and stated and _is_likelier(moved, best)
-    if held and stated and not contradicted:
-        most = 0.0 if moved is None else _apart(moved, best)
-        told = f"{RESTS_ON_HELD}; if it moves there, {MOVES} {most:.0f} standard errors"
-        return np.zeros((n, n)), (told,) if most >= MANY else ()
     others = (_settled(plant, open_loops([_with(one, straight) for one in records])), moved)
     ends = [one for one in others if one is not None]
+    most = max((_apart(one, best) for one in ends), default=0.0)
+    contradicted = held and stated and _is_likelier(moved, best)
+    if held and stated and not contradicted:
+        told = f"{RESTS_ON_HELD}; if it moves there, {MOVES} {most:.0f} standard errors"
+        return np.zeros((n, n)), (told,) if most >= MANY else ()
     away = [np.zeros(n), *(one.found.plant.theta - plant.theta for one in ends)]
     spread = sum((np.outer(one, one) for one in away), np.zeros((n, n))) / len(away)
-    most = max((_apart(one, best) for one in ends), default=0.0)
     if most < MANY and len(ends) == len(others):
         return spread, ()
     by = f"{MOVES} {most:.0f} standard errors" if most else "no plant is found"
