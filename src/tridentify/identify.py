@@ -16,6 +16,7 @@ from tridentify.errors import (
 from tridentify.estimation.answer.estimate import Estimate, Status
 from tridentify.estimation.machine_code import ready
 from tridentify.estimation.methods.base import Method, Progress
+from tridentify.estimation.methods.route import having_left_out, referenced
 from tridentify.judgement.causes.intersample import IN_WORDS
 from tridentify.judgement.choice import (
     METHODS,
@@ -192,12 +193,13 @@ def search(
     DataError, StructureError, IdentifiabilityError, OptionError
         As `identify`.
     """
-    given = listed(records)
     chosen = checked_method(method)
+    given, left_out = referenced(getattr(chosen, "route", None), listed(records))
     ready()
     with one_blas_thread():
         if isinstance(wanted, AutoStructure):
             estimate = _of_chosen_order(given, wanted, chosen, progress)
+            estimate = having_left_out(estimate, left_out)
             used = tuple(record.settled(estimate.intersample) for record in given)
             stated = all(record.intersample != "auto" for record in given)
             again = directly(chosen, estimate, used, estimate.structure, progress)
@@ -208,6 +210,7 @@ def search(
                 )
             return Searched(estimate, used, lambda: estimate)
         found, seen, between, told = with_behaviour(chosen, given, wanted, progress)
+        found = having_left_out(found, left_out)
         first, stated = found, all(record.intersample != "auto" for record in given)
         again = directly(chosen, found, seen, wanted, progress)
         found = widened(again or found, seen, stated=stated)

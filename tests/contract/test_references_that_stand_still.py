@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from oracles import sampled_loop
-from tridentify import Record, Structure, ThreeModel, TransferFunction, identify
+from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, validate
 from tridentify.errors import ConstantReferenceError
 from tridentify.estimation.methods.closed_loop.projection import Projection
 from tridentify.estimation.methods.closed_loop.simulated_instruments import (
@@ -53,6 +53,23 @@ def test_experiments_without_a_reference_are_told_beside_others():
     found = identify(both, Structure(1, 0), ThreeModel(starts=1, finish="likelihood"))
     told = [one for one in found.trace.decisions if "1 of 2 experiments without a reference" in one]
     assert len(told) == 1
+
+
+def test_experiments_without_a_reference_have_no_part_beside_those_with_one():
+    rng, r = np.random.default_rng(5), np.repeat([0.0, 1.0, -1.0, 1.0], 100)
+    noise = 0.02 * rng.standard_normal((r.size, 1))
+    u, y = sampled_loop([[PLANT]], lambda k, y: 2.0 * (r[k] - y[0]), noise, 0.1)
+    whole, alone = Record(u, y, dt=0.1, reference=r), Record(-u, y, dt=0.1)
+    quick = ThreeModel(starts=1, finish="likelihood")
+    found, own = (identify(one, Structure(2, 1), quick) for one in ([alone, whole], whole))
+    np.testing.assert_array_equal(found.theta, own.theta)
+    assert found.route == "reference"
+    assert "samples-left-out" in {one.code for one in found.findings}
+    direct = quick.estimate([alone, whole], Structure(2, 1))
+    np.testing.assert_array_equal(direct.theta, own.theta)
+    assert "samples-left-out" in {one.code for one in direct.findings}
+    codes = [{one.code for one in validate(found, o).findings} for o in ([alone, whole], whole)]
+    assert codes[0] == codes[1]
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from tridentify import Record, Structure, ThreeModel, identify
+from tridentify import Estimate, Record, Structure, ThreeModel, identify
 from tridentify.estimation.answer.trace import BETWEEN_DECIDES
 from tridentify.estimation.closed_loop.as_recorded import foretold
 from tridentify.estimation.closed_loop.joint import Together, descended
@@ -17,7 +17,7 @@ from tridentify.estimation.closed_loop.predictor import Plant
 from tridentify.estimation.closed_loop.settled import together
 from tridentify.estimation.closed_loop.unstable_answer import open_loops
 from tridentify.estimation.closed_loop.unstable_starts import starting_plants
-from tridentify.estimation.methods.in_loop import found_together
+from tridentify.estimation.methods.in_loop import NOT_HELD, RESTS_ON_HELD, found_together
 
 NEARLY_ZERO = 1e-6
 
@@ -148,15 +148,69 @@ def continuous(seed: int) -> loops.Drawn:
     )
 
 
+def is_wrong(estimate: Estimate, drawn: loops.Drawn) -> bool:
+    """Whether an estimate is plainly wrong by its own errors."""
+    off = np.abs(estimate.theta - drawn.theta)
+    return bool(np.any((off > 5.0 * estimate.std) & (off > 0.2 * np.abs(drawn.theta))))
+
+
 def confident_and_wrong(drawn: loops.Drawn) -> tuple[bool, bool]:
     """Whether an estimate is plainly wrong, and whether that is said."""
     estimate = identify(drawn.record, drawn.structure, throw=False)
-    off = np.abs(estimate.theta - drawn.theta)
-    wrong = np.any((off > 5.0 * estimate.std) & (off > 0.2 * np.abs(drawn.theta)))
+    wrong = is_wrong(estimate, drawn)
     decides = any(one.startswith(BETWEEN_DECIDES) for one in estimate.trace.decisions)
     told = any(f.severity == "error" and f.code == "feedback" for f in estimate.findings)
     assert told or not decides
-    return bool(wrong), told
+    return wrong, told
+
+
+def said_to_be_held(seed: int, sampled: bool, n: int = 200, snr: float = 30.0) -> loops.Drawn:
+    """A random loop whose record says that its input was held."""
+    drawn = loops.draw(
+        seed, n=n, snr=snr, of=lambda law, kind: law.sampled == sampled and kind != "LQG"
+    )
+    held = Record(drawn.record.u, drawn.record.y, dt=drawn.record.dt, intersample="zoh")
+    return replace(drawn, record=held)
+
+
+def told_of_between(estimate: Estimate) -> list[str]:
+    """Severities of findings that say that coefficients hang on the input between its samples."""
+    told = (RESTS_ON_HELD[1:], BETWEEN_DECIDES)
+    return [
+        one.severity
+        for one in estimate.findings
+        if one.code == "feedback" and any(words in one.effect for words in told)
+    ]
+
+
+@pytest.mark.parametrize("seed", [5_000, 5_003])
+@pytest.mark.fast("5000")
+def test_what_hangs_on_an_input_that_is_said_to_be_held_is_said(seed):
+    drawn = said_to_be_held(seed, sampled=False)
+    estimate = identify(drawn.record, drawn.structure, throw=False)
+    assert told_of_between(estimate)
+    assert "intersample='auto'" in next(o.remedy for o in estimate.findings if o.code == "feedback")
+
+
+@pytest.mark.slow
+def test_no_continuous_controller_that_is_said_to_hold_its_input_is_confident_and_wrong():
+    """Where the controller is found at all: a test signal at every sample may hide it."""
+    for seed in range(7_300, 7_312):
+        drawn = said_to_be_held(seed, sampled=False, n=(200, 500)[seed % 2], snr=20.0)
+        estimate = identify(drawn.record, drawn.structure, throw=False)
+        if estimate.route != "direct":
+            continue
+        said = "error" in {one.severity for one in estimate.findings}
+        assert said or told_of_between(estimate) or not is_wrong(estimate, drawn)
+
+
+@pytest.mark.slow
+def test_controllers_that_hold_their_input_are_believed():
+    for seed in range(7_400, 7_412):
+        drawn = said_to_be_held(seed, sampled=True, n=(200, 500)[seed % 2], snr=20.0)
+        estimate = identify(drawn.record, drawn.structure, throw=False)
+        assert not is_wrong(estimate, drawn)
+        assert not any(NOT_HELD in one for one in estimate.trace.decisions)
 
 
 @pytest.mark.slow

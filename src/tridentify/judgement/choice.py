@@ -116,7 +116,7 @@ def still_references(estimate: Estimate, records: Sequence[Record]) -> tuple[str
         return ()
     if len(given) < len(records):
         lost = f"{len(records) - len(given)} of {len(records)} experiments"
-        return (f"{lost} without a reference: the others' had no part; leave those out to use it",)
+        return (f"{lost} without a reference: the others' had no part",)
     return () if any_moves(records) else ("the references never move: taken as none",)
 
 

@@ -22,7 +22,7 @@ from tridentify.estimation.likelihood.answer import widened_by
 from tridentify.estimation.likelihood.question import silently
 from tridentify.estimation.methods.base import Method, Progress
 from tridentify.estimation.methods.explained import explained_records
-from tridentify.estimation.methods.in_loop import found_together
+from tridentify.estimation.methods.in_loop import NOT_HELD, RESTS_ON_HELD, found_together
 from tridentify.estimation.methods.not_stable import unless_unstable
 from tridentify.estimation.methods.output_error import OutputError
 from tridentify.estimation.methods.three_model import ThreeModel
@@ -255,9 +255,9 @@ def about_direct(
     """
     if estimate.route != "direct":
         return tuple(findings)
-    doubted = [one for one in estimate.trace.decisions if one.startswith(NOT_INDEPENDENT)]
+    doubted = _decided(estimate, NOT_INDEPENDENT)
     weak, undecided = bool(doubted) or _fails(estimate, records), _undecided(estimate)
-    hangs = doubted[0].partition(": ")[2] if doubted else ""
+    hangs = doubted.partition(": ")[2]
     if not (hangs or undecided):
         white = _white(estimate, records)
         hangs = "" if white is None else _apart(estimate, white)
@@ -266,9 +266,13 @@ def about_direct(
             one,
             severity="error" if weak or undecided else one.severity,
             effect=_sentences(
-                _said(weak, bool(doubted)), undecided, "" if undecided else hangs, one.effect
+                _said(weak, bool(doubted)),
+                undecided,
+                "" if undecided else hangs,
+                _rests(estimate),
+                one.effect,
             ),
-            remedy=_with_statement(_remedy(one), undecided),
+            remedy=_with_statement(_remedy(one), estimate),
         )
         if one.code == CODE
         else one
@@ -305,32 +309,42 @@ def _alone(estimate: Estimate) -> Finding:
         CODE,
         "error" if undecided else "warning",
         "The input reacts to the output (feedback), and no reference says what else moved it.",
-        _with_statement(f"{KNOWN[0].upper()}{KNOWN[1:]}", undecided),
+        _with_statement(f"{KNOWN[0].upper()}{KNOWN[1:]}", estimate),
         estimate.output_names,
-        effect=_sentences(_said(), undecided),
+        effect=_sentences(_said(), undecided, _rests(estimate)),
     )
 
 
-def _with_statement(remedy: str, undecided: str) -> str:
+def _with_statement(remedy: str, estimate: Estimate) -> str:
     """With the statement that settles what the input does between its samples."""
-    if BETWEEN_DECIDES not in undecided:
+    undecided = _undecided(estimate)
+    if _rests(estimate) or NOT_HELD in undecided:
+        kind, between = "may work in continuous time", "auto"
+    elif BETWEEN_DECIDES in undecided:
+        kind, between = "works on the recorded samples", "zoh"
+    else:
         return remedy
     return (
-        "If the controller works on the recorded samples, state intersample='zoh' (--intersample "
-        f"zoh); if not, {remedy[0].lower()}{remedy[1:]}"
+        f"If the controller {kind}, state intersample='{between}' (--intersample {between}); if "
+        f"not, {remedy[0].lower()}{remedy[1:]}"
     )
 
 
 def _undecided(estimate: Estimate) -> str:
     """That the record cannot tell the plant; empty where it can."""
-    return next(
-        (
-            f"The record cannot tell the plant: {one}"
-            for one in estimate.trace.decisions
-            if one.startswith((BETWEEN_DECIDES, NO_END_TOGETHER))
-        ),
-        "",
-    )
+    told = _decided(estimate, BETWEEN_DECIDES, NO_END_TOGETHER)
+    return f"The record cannot tell the plant: {told}" if told else ""
+
+
+def _rests(estimate: Estimate) -> str:
+    """What hangs on an input that is said to be held; empty where little does."""
+    told = _decided(estimate, RESTS_ON_HELD)
+    return f"{told[0].upper()}{told[1:]}" if told else ""
+
+
+def _decided(estimate: Estimate, *beginnings: str) -> str:
+    """The first decision that begins so."""
+    return next((one for one in estimate.trace.decisions if one.startswith(beginnings)), "")
 
 
 def _remedy(feedback: Finding) -> str:

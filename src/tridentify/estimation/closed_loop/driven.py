@@ -24,6 +24,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tridentify.estimation.likelihood.thresholds import CLEARLY
 from tridentify.models.regression import Experiment, response_of
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.interpolation import between
@@ -40,6 +41,12 @@ SLOW_EDGE = 3.0
 FAST_EDGE = 1.0
 """Fastest rate times sampling interval: that of the fastest loops; of faster operators the samples
 show no shape, and they are hardly told apart."""
+BESIDE = (0.5, 2.0, 4.0, 8.0)
+"""Rates over that of a description, of those whose distances from it tell how far it may be off:
+loops that are over within a sample are faster than any rate that is tried."""
+COARSE = 0.3
+"""Rate of the loop times sampling interval from which what a continuous controller does between the
+samples counts: standard errors are then a fifth too small and more."""
 TOLD_APART = 1e-6
 """Of columns with unit length, what a column must add to those before it: below, weights would be
 large, cancel at the samples, and run away between them."""
@@ -201,6 +208,30 @@ def widest(record: Record, rate: float, before: Array, most: int = MOST_FUNCTION
     )
     weights = fitted(columns, np.column_stack([record.u, record.y]))
     return Driven(record, rate, order, before, weights, columns)
+
+
+def described_otherwise(part: Driven) -> list[Driven]:
+    """Operators of slower and of faster rates, where they explain the inputs as well.
+
+    They pass through the same samples. Where a loop is slow beside these they agree between them
+    too; where it is fast, they are as far from each other as from what was there. One that misses
+    the samples is none, nor is any where a part of a slow loop was told apart from the noise: it
+    is known better than they are. The part itself then takes their place.
+    """
+    step = float(np.median(np.diff(part.record.t)))
+    if part.noise is not None and part.rate * step <= COARSE:
+        return [part] * len(BESIDE)
+    own = widest(part.record, part.rate, part.before)
+    others = [widest(part.record, rate * part.rate, part.before) for rate in BESIDE]
+    return [one if _as_good(one, own) else part for one in others]
+
+
+def _as_good(one: Driven, other: Driven) -> bool:
+    """Whether a description explains the inputs as well as another, but for operators it lacks."""
+    u = one.record.u
+    ratio = np.sum((u - one.inputs) ** 2, axis=0) / np.sum((u - other.inputs) ** 2, axis=0)
+    lacking = max(other.columns.shape[1] - one.columns.shape[1], 0) * u.shape[1]
+    return bool(len(u) * np.sum(np.log(ratio)) < 2.0 * lacking + CLEARLY)
 
 
 def near(part: Driven, most: int) -> list[Driven]:

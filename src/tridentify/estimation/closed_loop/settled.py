@@ -44,10 +44,13 @@ class Settled:
     spread : (n, n) array
         What other ends, a step that came to nothing, and a likelihood that falls less than its
         curvature says add to the covariance of the plant.
+    criterion : float
+        AICc of the innovations.
     """
 
     found: Found
     spread: Array
+    criterion: float
 
     @property
     def errors(self) -> Array:
@@ -72,7 +75,7 @@ def together(loops: Sequence[Loop], plants: Sequence[Plant]) -> Settled | None:
     best = min(ends, key=lambda one: one.place.criterion)
     place = best.place
     grown = farther(place, place.cov, place.plant.theta.size)
-    return Settled(_found(best), _spread(best, ends) + grown)
+    return Settled(_found(best), _spread(best, ends) + grown, place.criterion)
 
 
 def _over_orders(begun: Together) -> list[End]:

@@ -14,12 +14,13 @@ from tridentify.estimation.answer.parameter import Nuisance
 from tridentify.estimation.answer.trace import Status, Trace
 from tridentify.estimation.closed_loop.as_recorded import AsRecorded
 from tridentify.estimation.closed_loop.between_samples import IN_WORDS, Loop, Sampling
-from tridentify.estimation.closed_loop.driven import Driven, driven
+from tridentify.estimation.closed_loop.driven import Driven, described_otherwise, driven
 from tridentify.estimation.closed_loop.linear_errors import slowest
 from tridentify.estimation.closed_loop.noise_driven import beside_noise
 from tridentify.estimation.closed_loop.predictor import Predictor
 from tridentify.estimation.closed_loop.unstable import Found, autoregressive, root, with_fall
 from tridentify.estimation.closed_loop.unstable_starts import starting_plants
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.information import aicc_price
 from tridentify.record.record import Record
 from tridentify.structure import Structure
@@ -74,9 +75,32 @@ def unstable_estimate(
         (np.diag(best.cov) > 0.0) & np.isfinite(np.diag(best.cov))
     ):
         return None
-    best = with_fall(loops, best)
+    grown = with_fall(loops, best)
+    if kind == "continuous":
+        spread = _spread_between(loops, best, choose, say)
+        grown = replace(grown, cov=grown.cov + spread)
+    best = grown
     found = estimate_of(asked, loops, best, (f"controller taken as {IN_WORDS[kind]}",))
     return replace(found, route="reference")
+
+
+def _spread_between(
+    loops: Sequence[Loop],
+    best: Found,
+    choose: Callable[[Sequence[Array]], Array] | None,
+    say: Callable[[str], None],
+) -> Array:
+    """(n, n) what other descriptions of what lies between the samples add to the covariance."""
+    n = best.plant.theta.size
+    spread = np.zeros((n, n))
+    fitted = [one.driven for one in loops if isinstance(one.driven, Driven)]
+    for parts in zip(*(described_otherwise(one) for one in fitted), strict=True):
+        others = [replace(one, driven=part) for one, part in zip(loops, parts, strict=True)]
+        found = root(others, [best.plant], choose, say)
+        if found is not None and found.still:
+            away = found.plant.theta - best.plant.theta
+            spread += np.outer(away, away)
+    return spread
 
 
 def without_controller(

@@ -24,7 +24,7 @@ from tridentify.errors import OptionError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.closed_loop.between_samples import IN_WORDS, Loop, Sampling
-from tridentify.estimation.closed_loop.driven import Driven, driven, widest
+from tridentify.estimation.closed_loop.driven import COARSE, Driven, driven, widest
 from tridentify.estimation.closed_loop.input_rule import InputRule, input_rule
 from tridentify.estimation.methods.passes import Rooted, residuals
 from tridentify.numerics.arrays import Array
@@ -49,9 +49,6 @@ APART = 3.0
 is wrong beyond its interval if the kind is, so that one that was only assumed is warned of."""
 MISSED = 1e-3
 """Probability of taking noise for what is left of the response."""
-COARSE = 0.3
-"""Rate of the loop times sampling interval from which what a continuous controller does between the
-samples counts: standard errors are then a fifth too small and more."""
 
 
 def check_controller(controller: object) -> None:
@@ -277,8 +274,8 @@ def following_findings(white: Rooted) -> tuple[Finding, ...]:
             "warning",
             "The controller is continuous, and the residual follows the reference: "
             f"{left.size / left.freedom:.1f} times what chance leaves. What the input does between "
-            "the samples is not known well enough, or the order is too low; the standard errors do "
-            "not allow for it.",
+            "the samples is not known well enough, or the order is too low; the standard errors "
+            "allow for part of it.",
             "Sample faster, by five times if possible, or try a higher order.",
         ),
     )

@@ -6,14 +6,17 @@ output (`closed_loop.long_past`), both are found together, whether or not the pl
 that leads elsewhere, it is the estimate; where it leads to the same place, what else is nearly as
 likely joins the covariance.
 
-*Between the samples.* A controller that works on samples holds the input. Where nobody states that
-it was held, nobody recorded what it did between two samples, and a continuous controller moved it
-there with the noise: taken as a straight line to the next sample, the input knows of noise that was
-yet to come, which no model of the noise makes good. Taken as held, it knows nothing of that, nor of
-its own motion; taken as on its way to what its past foretells, and moving by the rest at the
-sample, it is right for noise that a sensor holds. None is better than the others for all loops. So
-all three are tried, and their distances join the covariance, each counted as likely as the others;
-where they are many standard errors apart, the record cannot tell the plant.
+*Between the samples.* A controller that works on samples holds the input. Nobody recorded what it
+did between two samples otherwise, and a continuous controller moved it there with the noise: taken
+as a straight line to the next sample, the input knows of noise that was yet to come, which no model
+of the noise makes good. Taken as held, it knows nothing of that, nor of its own motion; taken as on
+its way to what its past foretells, and moving by the rest at the sample, it is right for noise that
+a sensor holds. None is better than the others for all loops. So where nobody states that it was
+held, all three are tried, and their distances join the covariance, each counted as likely as the
+others; where they are many standard errors apart, the record cannot tell the plant. A record that
+says held is believed, as its samples seldom tell, and what hangs on that is said; it is not
+believed where the input that moves at the samples, which knows of the past alone too, is clearly
+likelier.
 """
 
 from __future__ import annotations
@@ -35,6 +38,7 @@ from tridentify.estimation.closed_loop.predictor import Plant
 from tridentify.estimation.closed_loop.settled import Settled, together
 from tridentify.estimation.closed_loop.unstable_answer import estimate_of, open_loops, orders_of
 from tridentify.estimation.closed_loop.unstable_starts import starting_plants
+from tridentify.estimation.likelihood.thresholds import CLEARLY
 from tridentify.numerics.arrays import Array
 from tridentify.record.checks.samples import Behaviour
 from tridentify.record.record import Record
@@ -44,6 +48,11 @@ ELSEWHERE = 1.0
 MANY = 3.0
 """Standard errors between assumptions on the input, or of a last step, from which the record cannot
 tell the plant."""
+RESTS_ON_HELD = "the input counts as held between its samples, as the record says"
+"""Beginning of a decision."""
+NOT_HELD = "held, as the record says, is clearly less likely than moved"
+"""End of one."""
+MOVES = "coefficients move by up to"
 LONGEST = 50_000
 """Samples up to which it is tried: every step simulates the plant twice for each coefficient."""
 
@@ -123,28 +132,42 @@ def _between(
     plant = best.found.plant
     n = plant.theta.size
     held = all(one.behaviour == "zoh" for one in records)
-    if held and stated:
-        return np.zeros((n, n)), ()
-    other: Behaviour = "foh" if held else "zoh"
-    ways = (
-        open_loops([with_input(one, np.asarray(one.u), other) for one in records]),
-        # of a held record this input would be held too
-        [
-            Loop(Foretold.of(with_input(one, np.asarray(one.u), "foh")), "continuous")
-            for one in records
-        ],
-    )
-    away = [np.zeros(n)]
-    for loops in ways:
-        try:
-            found = together(loops, [plant])
-        except (TridentifyError, np.linalg.LinAlgError, ValueError):
-            found = None
-        if found is not None:
-            away.append(found.found.plant.theta - plant.theta)
+    straight: Behaviour = "foh" if held else "zoh"
+    # of a held record the input that is foretold would be held too
+    moved = _settled(plant, [Loop(Foretold.of(_with(one, "foh")), "continuous") for one in records])
+    others = (_settled(plant, open_loops([_with(one, straight) for one in records])), moved)
+    ends = [one for one in others if one is not None]
+    most = max((_apart(one, best) for one in ends), default=0.0)
+    contradicted = held and stated and _is_likelier(moved, best)
+    if held and stated and not contradicted:
+        told = f"{RESTS_ON_HELD}; if it moves there, {MOVES} {most:.0f} standard errors"
+        return np.zeros((n, n)), (told,) if most >= MANY else ()
+    away = [np.zeros(n), *(one.found.plant.theta - plant.theta for one in ends)]
     spread = sum((np.outer(one, one) for one in away), np.zeros((n, n))) / len(away)
-    most = float(np.max(np.abs(away) / np.maximum(best.errors, 1e-300)))
-    if most < MANY and len(away) > len(ways):
+    if most < MANY and len(ends) == len(others):
         return spread, ()
-    by = f"coefficients move by up to {most:.0f} standard errors" if most else "no plant is found"
+    by = f"{MOVES} {most:.0f} standard errors" if most else "no plant is found"
+    by = f"{by}; {NOT_HELD}" if contradicted else by
     return spread, (f"{BETWEEN_DECIDES}: held, straight, or moved at the samples, {by}",)
+
+
+def _with(record: Record, between: Behaviour) -> Record:
+    return with_input(record, np.asarray(record.u), between)
+
+
+def _settled(plant: Plant, loops: Sequence[Loop]) -> Settled | None:
+    try:
+        return together(loops, [plant])
+    except (TridentifyError, np.linalg.LinAlgError, ValueError):
+        return None
+
+
+def _is_likelier(other: Settled | None, best: Settled) -> bool:
+    """Whether the record itself speaks for another input; what is foretold knows the past alone."""
+    return other is not None and other.criterion < best.criterion - CLEARLY
+
+
+def _apart(other: Settled, best: Settled) -> float:
+    """Largest distance of two plants [standard errors]."""
+    away = other.found.plant.theta - best.found.plant.theta
+    return float(np.max(np.abs(away) / np.maximum(best.errors, 1e-300)))

@@ -81,7 +81,7 @@ from tridentify.estimation.methods.passes import (
     root,
     without_rest,
 )
-from tridentify.estimation.methods.returned_errors import with_returned_errors
+from tridentify.estimation.methods.returned_errors import moves_between, with_returned_errors
 from tridentify.numerics.arrays import Array
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
@@ -89,6 +89,9 @@ from tridentify.transfer_function import TransferFunction
 WORSE = 0.05
 """Share by which a better known driven input may raise the mean square of what is left: it takes
 nothing that is noise, and what it takes of the response shows at once."""
+BETWEEN = "the loop is fast for its samples: what lies between them makes errors up to"
+NOTABLE = 1.2
+"""Times that errors grow for that, from which it is told."""
 MOST_BESIDE = 12
 """Passes of such a fit: it begins near its end, and runs about where hardly any noise is left."""
 
@@ -158,14 +161,24 @@ def reference_estimate(
     found, wider = with_returned_errors(found)
     found = with_fall(found)
     told = f"{told}; {wider}" if wider else told
-    if moved is not None:
-        cov, draws = widened_by(found.estimate.cov, found.estimate.draws, (moved,))
-        found = replace(found, estimate=replace(found.estimate, cov=cov, draws=draws))
+    found, far = _reaching(found, moves_between(found))
+    told = f"{told}; {BETWEEN} {far:.1f} times as large" if far > NOTABLE else told
+    found = found if moved is None else _reaching(found, (moved,))[0]
     if known is not None:
         given = by_likelihood(found, how, coloured is not None, say)
         told = told if how is not None and not how.explains else given.told
         found, findings = given.rooted, (*findings, *given.findings)
     return completed(asked, found, told, findings=(*together_findings(asked.records), *findings))
+
+
+def _reaching(found: Rooted, moves: Sequence[Array]) -> tuple[Rooted, float]:
+    """With errors that reach as far as the coefficients may have moved, and by how much larger."""
+    estimate = found.estimate
+    cov, draws = widened_by(estimate.cov, estimate.draws, moves)
+    wider = replace(estimate, cov=cov, draws=draws)
+    free = estimate.std > 0.0
+    far = float(np.max(wider.std[free] / estimate.std[free], initial=1.0))
+    return replace(found, estimate=wider), far
 
 
 def _either(

@@ -30,6 +30,12 @@ lowest AICc is 0 or 1, and the errors 0.6 to 0.9 times what they should be. But 
 where the driven input was found apart from white noise (`closed_loop.noise_driven.colour`), and
 ``S`` is what the model of the noise leaves of it. Scores that the fit found scattered have seen it.
 
+What the reference drives is known at the samples. Between them it is what the operators make of it,
+and in a loop that is fast beside its samples they may make something else. Descriptions of other
+rates through the same samples (`driven.described_otherwise`) move the coefficients by
+``(Z' T)^{-1} Z'`` of what they change: by next to nothing in slow loops, by ten standard errors and
+more in fast ones, and the truth is about as far off. These moves join the covariance.
+
 References: T. Soderstrom & P. Stoica, *Instrumental Variable Methods for System Identification*
 (1983), on the covariance of a root.
 """
@@ -45,7 +51,7 @@ from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.closed_loop.as_recorded import AsRecorded
 from tridentify.estimation.closed_loop.between_samples import Loop
-from tridentify.estimation.closed_loop.driven import Driven
+from tridentify.estimation.closed_loop.driven import Driven, described_otherwise
 from tridentify.estimation.closed_loop.noise_driven import colour, made
 from tridentify.estimation.closed_loop.simulated import Simulated
 from tridentify.estimation.methods.passes import Rooted, apart, model_like, residuals
@@ -77,7 +83,7 @@ def with_returned_errors(found: Rooted) -> tuple[Rooted, str]:
         if tables is None:
             return found, ""
         cov = _in_their_colour(found, tables, estimate.cov[np.ix_(free, free)])
-        covs = [one @ cov @ one.T for one in _back(np.vstack(tables))]
+        covs = [one @ cov @ one.T for one in _back(tables, free)[:2]]
     except (TridentifyError, np.linalg.LinAlgError):
         return found, ""
     size, held = (np.sqrt(np.diag(one)) for one in covs)
@@ -104,26 +110,64 @@ def returned(found: Rooted) -> tuple[Array, Array] | None:
     ----------
     found : Rooted
     """
-    tables = _tables(found, np.flatnonzero(found.estimate.std > 0))
-    return None if tables is None else _back(np.vstack(tables))
+    free = np.flatnonzero(found.estimate.std > 0)
+    tables = _tables(found, free)
+    return None if tables is None else _back(tables, free)[:2]
 
 
-def _back(table: Array) -> tuple[Array, Array]:
-    """`returned`, of the columns ``Z``, ``Z + N`` and ``D``."""
-    count = table.shape[1] // 3
+def moves_between(found: Rooted) -> tuple[Array, ...]:
+    """How far the coefficients move with other descriptions of what lies between the samples.
+
+    Parameters
+    ----------
+    found : Rooted
+    """
+    estimate, free = found.estimate, np.flatnonzero(found.estimate.std > 0)
+    try:
+        others = _described_otherwise(found.loops, estimate.model)
+        tables = _tables(found, free, others) if found.still and free.size and others else None
+        if tables is None:
+            return ()
+        _, inverse, off = _back(tables, free)
+    except (TridentifyError, np.linalg.LinAlgError):
+        return ()
+    moved = np.zeros((len(others), estimate.theta.size))
+    moved[:, free] = (inverse @ off).T
+    return tuple(moved) if np.isfinite(moved).all() else ()
+
+
+def _described_otherwise(loops: Sequence[Loop], model: TransferFunction) -> list[list[Array]]:
+    """What a model makes of the input by other descriptions, beyond that by the present one."""
+    fitted = [one.driven for one in loops if isinstance(one.driven, Driven)]
+    if loops[0].sampling == "sampled" or len(fitted) < len(loops):
+        return []
+    now = [made(one, model) for one in loops]
+    return [
+        [
+            made(replace(loop, driven=part), model) - own
+            for loop, part, own in zip(loops, parts, now, strict=True)
+        ]
+        for parts in zip(*(described_otherwise(one) for one in fitted), strict=True)
+    ]
+
+
+def _back(tables: Sequence[Array], free: Indices) -> tuple[Array, Array, Array]:
+    """`returned`, of `_tables`, and what of their last columns follows the instruments."""
+    table, count = np.vstack(tables), free.size
     size = np.linalg.norm(table[:, :count], axis=0)
     share = np.linalg.lstsq(table[:, :count] / size, table[:, count:], rcond=None)[0]
-    held, back = np.split(share / size[:, None], 2, axis=1)
-    return np.linalg.inv(held + back), np.linalg.inv(held)
+    held, back, off = np.split(share / size[:, None], [count, 2 * count], axis=1)
+    return np.linalg.inv(held + back), np.linalg.inv(held), off
 
 
-def _tables(found: Rooted, free: Indices) -> list[Array] | None:
-    """(n_samples, 3 n_free) ``Z``, ``Z + N``, ``D`` as the fit weighs them, per record and output.
+def _tables(found: Rooted, free: Indices, others: Sequence[list[Array]] = ()) -> list[Array] | None:
+    """``Z``, ``Z + N``, ``D`` as the fit weighs them, per record and output, and other columns.
 
-    None where a difference leads to no model.
+    (n_samples, 3 n_free + n_others). None where a difference leads to no model. ``D`` is left out
+    where there are others.
     """
     estimate = found.estimate
-    follow = all(_follows_the_model(one) for one in found.loops)
+    follow = not others and all(_follows_the_model(one) for one in found.loops)
     base = _at(found.loops, estimate, estimate.model) if follow else list(found.loops)
     instruments, slopes, changes = [], [], []
     for j in free:
@@ -146,11 +190,9 @@ def _tables(found: Rooted, free: Indices) -> list[Array] | None:
         )
         for each in (instruments, slopes, changes):
             each[-1] = [one / step for one in each[-1]]
-    left = residuals(found.loops, estimate)
+    left, columns = residuals(found.loops, estimate), (*instruments, *slopes, *changes, *others)
     return [
-        weighted(
-            loop, estimate, e, i, left[e], [one[e] for one in (*instruments, *slopes, *changes)]
-        )
+        weighted(loop, estimate, e, i, left[e], [one[e] for one in columns])
         for e, loop in enumerate(base)
         for i in range(loop.record.n_outputs)
     ]

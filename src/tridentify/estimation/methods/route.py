@@ -17,9 +17,12 @@ Automatica 35 (1999) 1215-1241.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal
 
 from tridentify.errors import OptionError, shown
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.closed_loop.moving import any_moves, refuse_still
 from tridentify.estimation.likelihood.noise_model import NoiseChoice
 from tridentify.record.record import Record
@@ -84,6 +87,34 @@ def refuse_unreferenced(asked: str, records: Sequence[Record], instead: str) -> 
             f"reference=...), or {instead}"
         )
     refuse_still(asked, records, instead)
+
+
+def referenced(
+    route: Route | None, records: Sequence[Record]
+) -> tuple[list[Record], tuple[Finding, ...]]:
+    """Experiments that count, and what is said of others: those that somebody gave a reference.
+
+    A reference says that a controller ran. Nothing says what moved the others: by the direct route
+    all would hang on the model of the noise, and taken as open loop they would bend the answer.
+    """
+    own = [one for one in records if one.reference is not None]
+    if route != "auto" or not own or len(own) == len(records) or not any_moves(own):
+        return list(records), ()
+    left = f"{len(records) - len(own)} of {len(records)} experiments without a reference"
+    return own, (
+        Finding(
+            "samples-left-out",
+            "warning",
+            f"{left} had no part in the estimate: nothing says whether a controller moved them.",
+            "Give their references; identify those without a controller by themselves and compare.",
+        ),
+    )
+
+
+def having_left_out(estimate: Estimate, said: tuple[Finding, ...]) -> Estimate:
+    """An estimate that says what `referenced` left out."""
+    trace = estimate.trace.told(*(one.message for one in said))
+    return replace(estimate, findings=(*said, *estimate.findings), trace=trace)
 
 
 def by_reference(route: Route, records: Sequence[Record]) -> bool:

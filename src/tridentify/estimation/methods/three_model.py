@@ -56,6 +56,8 @@ from tridentify.estimation.methods.route import (
     Route,
     by_reference,
     check_route,
+    having_left_out,
+    referenced,
     refuse_without_reference,
     taken_by,
 )
@@ -197,8 +199,9 @@ class ThreeModel:
         say = progress or silently
         check(records, structure, self.name, self.capabilities)
         refuse_without_reference(self.route, records)
-        if by_reference(self.route, records):
-            return self._by_reference(records, structure, say)
+        own, left_out = referenced(self.route, records)
+        if by_reference(self.route, own):
+            return having_left_out(self._by_reference(own, structure, say), left_out)
         if self.loss != "squared":
             return self._robust(records, structure, say)
         route, noise = taken_by(self.route, self.noise)

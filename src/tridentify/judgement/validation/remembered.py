@@ -134,7 +134,8 @@ def kept_look(
 def on_its_clock(estimate: Estimate, given: Record | Sequence[Record]) -> list[Record]:
     """A list of the records, on the times of the estimate where they are those identified.
 
-    Samples that were identified by their interval alone come with a clock from elsewhere.
+    Samples that were identified by their interval alone come with a clock from elsewhere. Of an
+    estimate by the reference route, experiments without a reference are left out beside others.
 
     Parameters
     ----------
@@ -147,6 +148,8 @@ def on_its_clock(estimate: Estimate, given: Record | Sequence[Record]) -> list[R
         Something else is among them.
     """
     records = [one.settled(estimate.intersample) for one in _listed(given)]
+    if estimate.route == "reference":
+        records = [one for one in records if one.reference is not None] or records
     if estimate.dt is None or fingerprint(records) == estimate.record_fingerprint:
         return records
     counted = [
