@@ -272,17 +272,24 @@ def _of_chosen_order(
     records: list[Record], wanted: AutoStructure, method: Method, progress: Progress | None
 ) -> Estimate:
     """The estimate of the row that `select_structure` recommends, with the reason."""
-    candidates = default_candidates(records, wanted.template, wanted.max_poles)
+    most = wanted.max_poles
     selection = select_structure(
-        records, candidates, method=method, integrators=True, delays=True, progress=progress
+        records,
+        None if most is None else default_candidates(records, wanted.template, most),
+        method=method,
+        template=wanted.template,
+        integrators=True,
+        delays=True,
+        progress=progress,
     )
     row = selection.recommended
     if row is None or row.estimate is None:
         raise IdentifiabilityError(
-            f"found no usable candidate among {len(candidates)} orders: {selection.reason}; "
+            f"found no usable candidate among {len(selection.rows)} orders: {selection.reason}; "
             "expected one that the record determines; state poles and zeros, or record longer"
         )
-    told = f"poles, zeros = {row.label} chosen of {len(candidates)} candidates: {selection.reason}"
+    tried = len(selection.rows)
+    told = f"poles, zeros = {row.label} chosen of {tried} candidates: {selection.reason}"
     between: tuple[str, ...] = ()
     estimate, left_open = row.estimate, any(record.intersample == "auto" for record in records)
     if left_open and row.structure.delay == "free":
