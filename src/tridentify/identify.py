@@ -13,10 +13,13 @@ from tridentify.errors import (
     SampleTypeError,
     UnsupportedOrderError,
 )
+from tridentify.estimation.answer.assemble import fingerprint
 from tridentify.estimation.answer.estimate import Estimate, Status
+from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.machine_code import ready
 from tridentify.estimation.methods.base import Method, Progress
 from tridentify.judgement.causes.intersample import IN_WORDS
+from tridentify.judgement.causes.wild_beginning import without_wild_beginning
 from tridentify.judgement.choice import (
     METHODS,
     beside_stated,
@@ -192,7 +195,8 @@ def search(
     DataError, StructureError, IdentifiabilityError, OptionError
         As `identify`.
     """
-    given = listed(records)
+    asked = listed(records)
+    given, wild = without_wild_beginning(asked)
     chosen = checked_method(method)
     ready()
     with one_blas_thread():
@@ -206,7 +210,8 @@ def search(
                 estimate = with_judgement(
                     widened(again, used, stated=stated), used, chosen, None, told
                 )
-            return Searched(estimate, used, lambda: estimate)
+            ended = _told(estimate, asked, wild)
+            return Searched(ended, used, lambda: ended)
         found, seen, between, told = with_behaviour(chosen, given, wanted, progress)
         first, stated = found, all(record.intersample != "auto" for record in given)
         again = directly(chosen, found, seen, wanted, progress)
@@ -218,9 +223,17 @@ def search(
             progress("testing the residual")
         with one_blas_thread():
             compared = beside_stated(first, seen) if stated else between
-            return with_judgement(found, seen, chosen, compared, told)
+            return _told(with_judgement(found, seen, chosen, compared, told), asked, wild)
 
     return Searched(found, tuple(seen), judged)
+
+
+def _told(estimate: Estimate, asked: Sequence[Record], wild: Sequence[Finding]) -> Estimate:
+    """An estimate of the records as they were asked for, and which samples it left out."""
+    if not wild:
+        return estimate
+    seen = fingerprint([record.settled(estimate.intersample) for record in asked])
+    return replace(estimate, findings=(*wild, *estimate.findings), record_fingerprint=seen)
 
 
 def _check_order(records: object, structure: object) -> None:

@@ -10,11 +10,13 @@ than can be looked at.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from tridentify.estimation.methods.base import Method
+from tridentify.judgement.causes.direct_part import may_have_direct_part
 from tridentify.judgement.selection.finish_candidates import CandidateTask, Entry, run_task
 from tridentify.judgement.selection.orders import default_candidates
 from tridentify.judgement.selection.rule import TWICE
@@ -73,6 +75,8 @@ def higher_candidates(
     more = tuple(one for one in found if one.common_poles == most + STEP)
     if not more:
         return None
+    if more[-1].zeros != most + STEP and may_have_direct_part(records):
+        more = (*more, replace(more[-1], zeros=most + STEP))
     fullest = run_task(CandidateTask(records, more[-1], method, shared=False))
     if fullest.estimate is None or not _left(fullest, records) < min(
         before / TWICE, before - WORTH

@@ -25,6 +25,7 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.methods.base import Method, Progress, check_scale, check_signals
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.causes.intersample import behaviours
+from tridentify.judgement.causes.wild_beginning import without_wild_beginning
 from tridentify.judgement.choice import checked_method, listed, with_judgement
 from tridentify.judgement.selection.decide import (
     Decision,
@@ -138,8 +139,8 @@ def select_structure(
     >>> selection.recommended.label
     '2, 0'
     """
-    given = tuple(listed(records))
-    unseen = () if validation is None else tuple(listed(validation))
+    given = tuple(without_wild_beginning(listed(records))[0])
+    unseen = () if validation is None else tuple(without_wild_beginning(listed(validation))[0])
     if not given:
         raise DataError("found no record; expected at least one; pass a Record or a list of them")
     _check_channels(given, unseen)
@@ -158,10 +159,9 @@ def select_structure(
         late = candidates is None if delays is None else delays
         work = _Work(settled.records, chosen, executor, say, settled.identified, free, late)
         opened = work.opened(structures)
-        while candidates is None:
-            more = higher_candidates(work.records, structures, opened.table, chosen)
-            if more is None:
-                break
+        while candidates is None and (
+            more := higher_candidates(work.records, structures, opened.table, chosen)
+        ):
             structures, work = more.structures, replace(work, found=(*work.found, more.poles))
             opened = work.opened(structures)
         other = resettled(given, unseen, settled, opened.table, chosen)
