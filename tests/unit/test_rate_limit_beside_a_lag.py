@@ -10,7 +10,7 @@ DT = 0.02
 
 
 def servo(seed: int, rate: float, n_samples: int = 800) -> Record:
-    """A second-order plant behind an actuator of a limited rate, the demand of which is recorded."""
+    """A second-order plant behind an actuator of limited rate, whose demand is recorded."""
     rng = np.random.default_rng(seed)
     u = np.repeat(rng.uniform(-1.5, 1.5, n_samples // 25), 25)
     fine = following(np.repeat(u, 10), 0.1 * rate * DT, held=False)

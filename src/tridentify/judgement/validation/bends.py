@@ -11,8 +11,9 @@ that are not recorded (`causes.inner_states`): they carry no noise, so that the 
 as fixed (Ramsey, J. Royal Statistical Society B 31, 1969, 350-371; Billings, *Nonlinear System
 Identification*, 2013).
 
-*Limits.* What follows an input at a limited rate stays behind it. A sensor that saturates takes away the part of the output beyond a level; as the level is
-unknown, those beyond several quantiles are added. An actuator likewise, through the model.
+*Limits.* A sensor that saturates takes away the part of the output beyond a level; as the level is
+unknown, those beyond several quantiles are added. An actuator likewise, through the model; what
+follows an input at a limited rate stays behind it.
 
 *A late or smoothed input.* The response of the model to each input, some samples later.
 """
