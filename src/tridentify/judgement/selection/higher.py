@@ -46,7 +46,7 @@ def higher_candidates(
     table: SelectionTable,
     method: Method,
 ) -> Higher | None:
-    """The candidates with those of two poles more, where these are clearly asked for.
+    """The candidates with those of more poles, where these are clearly asked for.
 
     Parameters
     ----------
@@ -62,6 +62,7 @@ def higher_candidates(
     Higher or None
         All of them: where the likeliest candidate has as many poles as were tried, and the fullest
         one with two more leaves less by `WORTH` of the outputs' variance and the factor `TWICE`.
+        With two resonances more where one more is worth it, but not by that factor.
     """
     place = table.best("bic")
     most = max((one.common_poles for one in structures), default=0)
@@ -71,18 +72,21 @@ def higher_candidates(
     before = _left(likeliest, records)
     if likeliest.structure.common_poles < most or before < WORTH:
         return None
-    found = default_candidates(records, structures[0], most + STEP)
-    more = tuple(one for one in found if one.common_poles == most + STEP)
-    if not more:
-        return None
-    if more[-1].zeros != most + STEP and may_have_direct_part(records):
-        more = (*more, replace(more[-1], zeros=most + STEP))
-    fullest = run_task(CandidateTask(records, more[-1], method, shared=False))
-    if fullest.estimate is None or not _left(fullest, records) < min(
-        before / TWICE, before - WORTH
-    ):
-        return None
-    return Higher((*structures, *more), np.roots(fullest.estimate.model.den[0][0]).astype(complex))
+    for n in range(most + STEP, MOST_UNASKED + 1, STEP):
+        found = default_candidates(records, structures[0], n)
+        more = tuple(one for one in found if one.common_poles in range(most + STEP, n + 1, STEP))
+        if not more or more[-1].common_poles < n:
+            return None
+        if more[-1].zeros != n and may_have_direct_part(records):
+            more = (*more, replace(more[-1], zeros=n))
+        fullest = run_task(CandidateTask(records, more[-1], method, shared=False))
+        left = _left(fullest, records)
+        if fullest.estimate is None or not left < before - WORTH:
+            return None
+        if left < before / TWICE:
+            poles = np.roots(fullest.estimate.model.den[0][0]).astype(complex)
+            return Higher((*structures, *more), poles)
+    return None
 
 
 def _left(entry: Entry, records: Sequence[Record]) -> float:
