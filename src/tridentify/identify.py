@@ -13,11 +13,14 @@ from tridentify.errors import (
     SampleTypeError,
     UnsupportedOrderError,
 )
+from tridentify.estimation.answer.assemble import fingerprint
 from tridentify.estimation.answer.estimate import Estimate, Status
+from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.machine_code import ready
 from tridentify.estimation.methods.base import Method, Progress
 from tridentify.estimation.methods.route import having_left_out, referenced
 from tridentify.judgement.causes.intersample import IN_WORDS
+from tridentify.judgement.causes.wild_beginning import without_wild_beginning
 from tridentify.judgement.choice import (
     METHODS,
     beside_stated,
@@ -194,7 +197,8 @@ def search(
         As `identify`.
     """
     chosen = checked_method(method)
-    given, left_out = referenced(getattr(chosen, "route", None), listed(records))
+    asked, left_out = referenced(getattr(chosen, "route", None), listed(records))
+    given, wild = without_wild_beginning(asked)
     ready()
     with one_blas_thread():
         if isinstance(wanted, AutoStructure):
@@ -208,7 +212,8 @@ def search(
                 estimate = with_judgement(
                     widened(again, used, stated=stated), used, chosen, None, told
                 )
-            return Searched(estimate, used, lambda: estimate)
+            ended = _told(estimate, asked, wild)
+            return Searched(ended, used, lambda: ended)
         found, seen, between, told = with_behaviour(chosen, given, wanted, progress)
         found = having_left_out(found, left_out)
         first, stated = found, all(record.intersample != "auto" for record in given)
@@ -221,9 +226,17 @@ def search(
             progress("testing the residual")
         with one_blas_thread():
             compared = beside_stated(first, seen) if stated else between
-            return with_judgement(found, seen, chosen, compared, told)
+            return _told(with_judgement(found, seen, chosen, compared, told), asked, wild)
 
     return Searched(found, tuple(seen), judged)
+
+
+def _told(estimate: Estimate, asked: Sequence[Record], wild: Sequence[Finding]) -> Estimate:
+    """An estimate of the records as they were asked for, and which samples it left out."""
+    if not wild:
+        return estimate
+    seen = fingerprint([record.settled(estimate.intersample) for record in asked])
+    return replace(estimate, findings=(*wild, *estimate.findings), record_fingerprint=seen)
 
 
 def _check_order(records: object, structure: object) -> None:
@@ -275,17 +288,24 @@ def _of_chosen_order(
     records: list[Record], wanted: AutoStructure, method: Method, progress: Progress | None
 ) -> Estimate:
     """The estimate of the row that `select_structure` recommends, with the reason."""
-    candidates = default_candidates(records, wanted.template, wanted.max_poles)
+    most = wanted.max_poles
     selection = select_structure(
-        records, candidates, method=method, integrators=True, delays=True, progress=progress
+        records,
+        None if most is None else default_candidates(records, wanted.template, most),
+        method=method,
+        template=wanted.template,
+        integrators=True,
+        delays=True,
+        progress=progress,
     )
     row = selection.recommended
     if row is None or row.estimate is None:
         raise IdentifiabilityError(
-            f"found no usable candidate among {len(candidates)} orders: {selection.reason}; "
+            f"found no usable candidate among {len(selection.rows)} orders: {selection.reason}; "
             "expected one that the record determines; state poles and zeros, or record longer"
         )
-    told = f"poles, zeros = {row.label} chosen of {len(candidates)} candidates: {selection.reason}"
+    tried = len(selection.rows)
+    told = f"poles, zeros = {row.label} chosen of {tried} candidates: {selection.reason}"
     between: tuple[str, ...] = ()
     estimate, left_open = row.estimate, any(record.intersample == "auto" for record in records)
     if left_open and row.structure.delay == "free":

@@ -30,10 +30,14 @@ MOST = 200
 """Structures: a second each on a slow machine is three minutes."""
 
 
+DEFAULT = "1:4"
+"""Poles that are tried where only the zeros are stated."""
+
+
 def select(
     measured: Measured,
     *,
-    poles: Annotated[str, options.model_option(metavar="A:B")] = "1:4",
+    poles: Annotated[str, options.model_option(metavar="A:B")] = "auto",
     zeros: Annotated[str, options.model_option(metavar="A:B")] = "all",
     reading: Reading,
     validation: Annotated[
@@ -53,7 +57,8 @@ def select(
     Parameters
     ----------
     poles
-        Numbers of poles to try: a range, or one number. Shared denominators.
+        Numbers of poles to try: a range, or one number. Shared denominators. Left out, 1 to 4, and
+        up to 8 where the record clearly asks for them; delays are tried, too.
     zeros
         Numbers of zeros to try: a range, one number, or all (every number below that of the poles;
         as many, too, where the output follows the input at once, and a pole at zero where it
@@ -69,7 +74,10 @@ def select(
     """
     inputs, outputs = measured.columns()
     template = late.template(along, len(outputs), len(inputs))
-    candidates = candidates_from(poles, zeros, template)
+    candidates: Sequence[Structure] | None = None
+    every = zeros.strip() == "all"
+    if not every or poles.strip() != "auto":
+        candidates = candidates_from(DEFAULT if poles.strip() == "auto" else poles, zeros, template)
     chosen = way.chosen()
     sources = [reading.source(measured.files, inputs, outputs)]
     if validation:
@@ -79,10 +87,10 @@ def select(
         activity = work.activity
         records, *unseen = (load(source, activity) for source in sources)
         load_compiled(activity)
-        every = zeros.strip() == "all"
-        if every:
+        if every and candidates is not None:
             candidates = _with_direct_part(records, candidates, template)
-        selection = _selected(records, unseen, candidates, chosen, jobs, activity, every)
+        asked = candidates if candidates is not None else template
+        selection = _selected(records, unseen, asked, chosen, jobs, activity, every)
         work.publish(lambda folder: _write(selection, records, folder, activity))
     work.answer(as_json, selection.to_dict, lambda: _blocks(selection, records))
     _refuse_none(selection)
@@ -153,7 +161,7 @@ def _range(option: str, text: str) -> tuple[int, int]:
 def _selected(
     records: Sequence[Record],
     unseen: Sequence[Sequence[Record]],
-    candidates: Sequence[Structure],
+    asked: Sequence[Structure] | Structure,
     method: Any,
     jobs: int,
     activity: Activity,
@@ -166,9 +174,10 @@ def _selected(
     with nullcontext() if jobs == 1 else process_pool(jobs) as pool:
         return select_structure(
             records,
-            candidates,
+            None if isinstance(asked, Structure) else asked,
             method=method,
             validation=unseen[0] if unseen else None,
+            template=asked if isinstance(asked, Structure) else None,
             integrators=every,
             executor=pool,
             progress=activity.stage,

@@ -54,16 +54,18 @@ class AutoStructure:
 
     Attributes
     ----------
-    max_poles : int
-        Most poles that are tried.
+    max_poles : int, optional
+        Most poles that are tried; left out, 4, and up to 8 where the record clearly asks for them.
     template : Structure
         Delay, offset, drift and initial state of all candidates; its orders do not count.
     """
 
-    max_poles: int = 4
+    max_poles: int | None = None
     template: Structure = field(default_factory=lambda: Structure(1, 0))
 
     def __post_init__(self) -> None:
+        if self.max_poles is None:
+            return
         most = checked_orders("max_poles", self.max_poles, lowest=1)
         if not isinstance(most, int):
             raise OrderError(
@@ -148,7 +150,7 @@ class Structure(Orders):
 
     @staticmethod
     def auto(
-        max_poles: int = 4,
+        max_poles: int | None = None,
         *,
         delay: float | Sequence[Sequence[float]] | Literal["free"] = 0.0,
         offset: Choice = "auto",
@@ -159,10 +161,10 @@ class Structure(Orders):
 
         Parameters
         ----------
-        max_poles : int
-            Most poles that are tried, with one denominator for all channels and every number of
-            zeros below that of the poles; as many zeros as poles too, where an output follows an
-            input at once.
+        max_poles : int, optional
+            Most poles that are tried (left out: 4, and up to 8 where the record clearly asks for
+            them), with one denominator for all channels and every number of zeros below that of
+            the poles; as many zeros as poles too, where an output follows an input at once.
         delay, offset, drift, initial_state
             As for a `Structure`; of all candidates.
 

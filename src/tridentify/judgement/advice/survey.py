@@ -35,6 +35,7 @@ from tridentify.judgement.causes.direct_part import has_direct_part
 from tridentify.judgement.causes.first_samples import beginning
 from tridentify.judgement.causes.intersample import CLEARLY, IN_WORDS, TIE, clear_fall, is_staircase
 from tridentify.judgement.causes.parallel import Parallel, WhitenedFit, p_value, with_noise_model
+from tridentify.judgement.causes.wild_beginning import without_wild_beginning
 from tridentify.judgement.cautions.sensors import seen_in
 from tridentify.judgement.cautions.tones import tone_finding
 from tridentify.judgement.selection import hankel_values
@@ -159,8 +160,8 @@ def advise(records: Record | Sequence[Record]) -> Advice:
                 f"found {count} samples of output {name}; expected at least {FEWEST_SEEN} to say "
                 "anything of a record; record longer"
             )
-    frequency = _measured(given)
-    parts = [beginning(record, LONGEST) for record in given]
+    given, wild = without_wild_beginning(given)
+    frequency, parts = _measured(given), [beginning(record, LONGEST) for record in given]
     still = not any(np.ptp(record.u, axis=0).any() for record in parts)
     outputs = [_output(parts, i, frequency) for i in range(first.n_outputs)]
     found = _of_samples(given, parts, outputs)
@@ -188,7 +189,7 @@ def advise(records: Record | Sequence[Record]) -> Advice:
         # an input that reacts to the output seems to act early
         found += _of_behaviour(given, behaviours, best)
     return Advice(
-        ranked(found),
+        ranked([*wild, *found]),
         frequency,
         delays,
         _poles(parts, responding, delays),

@@ -25,6 +25,7 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.methods.base import Method, Progress, check_scale, check_signals
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.causes.intersample import behaviours
+from tridentify.judgement.causes.wild_beginning import without_wild_beginning
 from tridentify.judgement.choice import checked_method, listed, with_judgement
 from tridentify.judgement.selection.decide import (
     Decision,
@@ -48,6 +49,7 @@ from tridentify.judgement.selection.finish_candidates import (
 )
 from tridentify.judgement.selection.hankel import Hankel, hankel_values
 from tridentify.judgement.selection.held_out import HeldEstimate, HeldOut, cross_fit
+from tridentify.judgement.selection.higher import higher_candidates
 from tridentify.judgement.selection.integrators import integrating
 from tridentify.judgement.selection.late import delayed, direct_and_delayed
 from tridentify.judgement.selection.orders import (
@@ -60,6 +62,7 @@ from tridentify.judgement.selection.settle import resettled, settle
 from tridentify.judgement.selection.shared import Shared, shared_models
 from tridentify.judgement.selection.table import SelectionTable, table_of
 from tridentify.judgement.selection.words import in_words
+from tridentify.numerics.arrays import Complex
 from tridentify.numerics.executor import Executor
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.record.record import Record
@@ -136,8 +139,8 @@ def select_structure(
     >>> selection.recommended.label
     '2, 0'
     """
-    given = tuple(listed(records))
-    unseen = () if validation is None else tuple(listed(validation))
+    given = tuple(without_wild_beginning(listed(records))[0])
+    unseen = () if validation is None else tuple(without_wild_beginning(listed(validation))[0])
     if not given:
         raise DataError("found no record; expected at least one; pass a Record or a list of them")
     _check_channels(given, unseen)
@@ -156,6 +159,11 @@ def select_structure(
         late = candidates is None if delays is None else delays
         work = _Work(settled.records, chosen, executor, say, settled.identified, free, late)
         opened = work.opened(structures)
+        while candidates is None and (
+            more := higher_candidates(work.records, structures, opened.table, chosen)
+        ):
+            structures, work = more.structures, replace(work, found=(*work.found, more.poles))
+            opened = work.opened(structures)
         other = resettled(given, unseen, settled, opened.table, chosen)
         if other is not None:
             settled, work = other, replace(work, records=other.records, identified=None)
@@ -185,7 +193,10 @@ class _Opened:
 
 @dataclass(frozen=True, eq=False)
 class _Work:
-    """What all stages need; ``free`` and ``late`` say which rows may join."""
+    """What all stages need; ``free`` and ``late`` say which rows may join.
+
+    ``found`` holds poles from which candidates of as many begin, too.
+    """
 
     records: tuple[Record, ...]
     method: Method
@@ -194,6 +205,7 @@ class _Work:
     identified: tuple[Structure, Estimate] | None = None
     free: bool = False
     late: bool = False
+    found: tuple[Complex, ...] = ()
 
     def run(self, function: Any, tasks: Iterable[Any], said: str) -> list[Any]:
         """All tasks, in their order."""
@@ -338,7 +350,9 @@ class _Work:
         asked, estimate = self.identified or (None, None)
         for structure in structures:
             able = shared is not None and self._can_share(structure)
-            seeds = shared.seeds(structure.common_poles) if shared is not None and able else ()
+            n = structure.common_poles if able else 0
+            seeds = shared.seeds(n) if shared is not None and able else ()
+            seeds = (*seeds, *(poles for poles in self.found if poles.size == n))
             task = CandidateTask(self.records, structure, self.method, seeds, (), able, reach=reach)
             found.append(replace(task, found=estimate) if structure is asked else task)
         return found

@@ -37,9 +37,9 @@ from tridentify.judgement.validation.known_causes import KnownCauses
 from tridentify.judgement.validation.likelihood_ratio import CALLED
 from tridentify.judgement.validation.phrases import decapitalised
 from tridentify.judgement.validation.remembered import (
+    as_identified,
     given_away,
     kept_look,
-    on_its_clock,
     remember,
     remembered,
 )
@@ -136,7 +136,7 @@ def validate(
             f"found {type(estimate).__name__} in place of an estimate; expected what identify or "
             "Estimate.load gives, before the record; write validate(estimate, record)"
         )
-    records = on_its_clock(estimate, record)
+    estimate, records, wild = as_identified(estimate, record)
     if not (isinstance(level, float) and 0.5 <= level < 1.0):
         raise OptionError(
             f"found level={level!r}; expected a probability from 0.5 to below 1; write level=0.99"
@@ -149,11 +149,11 @@ def validate(
         usual = experiment is None and n_lags is None and level == LEVEL
         known = given_away(estimate, records) if usual else None
         if known is not None:
-            return _with_what_was_said(known, estimate)
+            return _with_what_was_said(known, estimate, estimate.findings, wild)
         own = fingerprint(records) == estimate.record_fingerprint
         view = look(estimate, _explained(estimate, records), experiment, own=own)
         found = _judge(estimate, view, level, n_lags or _lags(estimate, view))
-        return _with_what_was_said(found, estimate) if own else found
+        return _with_what_was_said(found, estimate, estimate.findings if own else (), wild)
 
 
 TO_BE_KNOWN = (
@@ -192,13 +192,15 @@ def _stands(one: Finding, estimate: Estimate) -> bool:
     return one.severity == "error" or one.code == "stuck-sensor"
 
 
-def _with_what_was_said(found: Validation, estimate: Estimate) -> Validation:
+def _with_what_was_said(
+    found: Validation, estimate: Estimate, known: Sequence[Finding], wild: Sequence[Finding]
+) -> Validation:
     """With what the estimate knows of the same record and no residual shows.
 
     What has no response, or follows from a sensor that hung, may leave a residual like noise.
     """
-    said = []
-    for one in (own for own in estimate.findings if own.matters or own.code == "tone"):
+    said = list(wild)
+    for one in (own for own in known if own.matters or own.code == "tone"):
         if _stands(one, estimate):
             said.append(one)
         elif one.code in TO_BE_KNOWN:

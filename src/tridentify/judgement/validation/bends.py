@@ -12,7 +12,8 @@ as fixed (Ramsey, J. Royal Statistical Society B 31, 1969, 350-371; Billings, *N
 Identification*, 2013).
 
 *Limits.* A sensor that saturates takes away the part of the output beyond a level; as the level is
-unknown, those beyond several quantiles are added. An actuator likewise, through the model.
+unknown, those beyond several quantiles are added. An actuator likewise, through the model; what
+follows an input at a limited rate stays behind it.
 
 *A late or smoothed input.* The response of the model to each input, some samples later.
 """
@@ -26,6 +27,7 @@ import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.causes.inner_states import gripping, inner_states, turns
+from tridentify.judgement.causes.saturation import following
 from tridentify.judgement.validation.residuals import View
 from tridentify.models.simulate import simulate_each
 from tridentify.numerics.arrays import Array
@@ -53,8 +55,13 @@ rarely reached, and one that is reached by more than a fifth moves the coefficie
 INPUT_TAILS = (0.1, 0.25)
 """The same for an actuator."""
 
+RATES = (4, 16, 64)
+"""Samples in which an actuator of a limited rate goes through its range: to a factor of two, any
+that lets it settle between jumps and is slower than a sample."""
+
 LEVELS = 4
-"""Values of an input from which a limit can be told from a smaller gain."""
+"""Values of an input from which a limit can be told from a smaller gain, or a limited rate from a
+lag."""
 
 SHIFTS = (1, 2, 4, 8, 16, 32)
 """By how much the response is moved [samples]; together they make any that is late or smoother."""
@@ -95,13 +102,15 @@ def bends(view: View, output: int, estimate: Estimate) -> list[Columns]:
     kinds += _within(view, output, estimate)
     powers: list[Asked] = []
     limited: list[Asked] = []
+    rates: list[Asked] = []
     for j in range(records[0].n_inputs):
         own = _channel(estimate, output, j)
         u = _scaled([np.asarray(record.u[:, j]) for record in records])
         powers.append((own, [np.stack([x**2, x**3], axis=1) for x in u]))
         if np.unique(np.concatenate(u)).size >= LEVELS:
             limited.append((own, _limits(u, INPUT_TAILS)))
-    kinds += [several for several in (powers, limited) if several]
+            rates.append((own, _behind([record.u[:, j] for record in records])))
+    kinds += [several for several in (powers, limited, rates) if several]
     driven = iter(_through([one for kind in kinds for one in kind], records))
     found = [_beside([next(driven) for _ in kind]) for kind in kinds]
     return [*found[:2], _limits(shapes, TAILS), *found[2:]]
@@ -200,6 +209,15 @@ def _limits(series: Sequence[Array], tails: Sequence[float]) -> Columns:
     return tuple(
         np.hstack([np.minimum(x[:, None] - low, 0.0), np.maximum(x[:, None] - high, 0.0)])
         for x in series
+    )
+
+
+def _behind(series: Sequence[Array]) -> Columns:
+    """How far what follows an input at a limited rate is behind."""
+    size = float(np.ptp(np.concatenate(series)))
+    return tuple(
+        np.stack([following(one, size / k, held=False) - one for k in RATES], axis=1)
+        for one in series
     )
 
 

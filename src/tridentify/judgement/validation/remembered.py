@@ -8,7 +8,7 @@ it is asked for or the next one is made; so is one quick look.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from operator import attrgetter
 from typing import Any
 
@@ -17,6 +17,8 @@ import numpy as np
 from tridentify.errors import SampleTypeError
 from tridentify.estimation.answer.assemble import fingerprint
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.finding import Finding
+from tridentify.judgement.causes.wild_beginning import without_wild_beginning
 from tridentify.judgement.validation.residuals import View
 from tridentify.judgement.validation.result import Validation
 from tridentify.record.record import Record
@@ -131,11 +133,14 @@ def kept_look(
     return found
 
 
-def on_its_clock(estimate: Estimate, given: Record | Sequence[Record]) -> list[Record]:
-    """A list of the records, on the times of the estimate where they are those identified.
+def as_identified(
+    estimate: Estimate, given: Record | Sequence[Record]
+) -> tuple[Estimate, list[Record], tuple[Finding, ...]]:
+    """A list of the records as identified, the estimate of them, and what is left out.
 
-    Samples that were identified by their interval alone come with a clock from elsewhere. Of an
-    estimate by the reference route, experiments without a reference are left out beside others.
+    Samples that were identified by their interval alone come with a clock from elsewhere; wild
+    first samples are none. Of an estimate by the reference route, experiments without a reference
+    are left out beside others.
 
     Parameters
     ----------
@@ -147,7 +152,16 @@ def on_its_clock(estimate: Estimate, given: Record | Sequence[Record]) -> list[R
     SampleTypeError
         Something else is among them.
     """
-    records = [one.settled(estimate.intersample) for one in _listed(given)]
+    asked = _on_its_clock(estimate, _listed(given))
+    records, wild = without_wild_beginning(asked)
+    if wild and fingerprint(asked) == estimate.record_fingerprint:
+        estimate = replace(estimate, record_fingerprint=fingerprint(records))
+    return estimate, records, tuple(wild)
+
+
+def _on_its_clock(estimate: Estimate, given: Sequence[Record]) -> list[Record]:
+    """The records on the times of the estimate where they are those identified."""
+    records = [one.settled(estimate.intersample) for one in given]
     if estimate.route == "reference":
         records = [one for one in records if one.reference is not None] or records
     if estimate.dt is None or fingerprint(records) == estimate.record_fingerprint:
