@@ -43,10 +43,13 @@ def without_wild_beginning(records: Sequence[Record]) -> tuple[list[Record], lis
     kept, told = [], []
     for e, record in enumerate(records):
         where = np.zeros(record.y.shape, dtype=bool)
-        struck = any(_wild(record.u[:, j]) for j in range(record.n_inputs))
+        struck = any(_far(record.u[:, j]) for j in range(record.n_inputs))
         number = e if len(records) > 1 else None
         for i in range(record.n_outputs):
-            n = 0 if struck else _wild(record.y[:, i])
+            own = record.y[:, i]
+            n = 0 if struck else _far(own)
+            if n and not np.nanmax(own[n:]) > np.nanmin(own[n:]):
+                n = 0  # it rests behind them, and has no size
             where[:n, i] = True
             if n:
                 told.append(_finding(record, i, n, number))
@@ -70,13 +73,13 @@ def _finding(record: Record, output: int, n: int, experiment: int | None) -> Fin
     )
 
 
-def _wild(y: Array) -> int:
+def _far(y: Array) -> int:
     """How many first samples lie far outside all later ones."""
     most = min(MOST_FIRST, int(SHARE_FIRST * y.size))
     for n in range(most, 0, -1):
         later = y[n:][np.isfinite(y[n:])]
         low, high = (later.min(), later.max()) if later.size else (0.0, 0.0)
         far = np.fmax(low - y[:n], y[:n] - high)
-        if high > low and np.isfinite(far[-1]) and np.nanmin(far) > APART * (high - low):
+        if later.size and np.isfinite(far[-1]) and np.nanmin(far) > APART * (high - low):
             return n
     return 0
