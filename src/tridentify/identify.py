@@ -304,7 +304,9 @@ def _of_chosen_order(
             f"found no usable candidate among {len(selection.rows)} orders: {selection.reason}; "
             "expected one that the record determines; state poles and zeros, or record longer"
         )
-    tried = len(selection.rows)
+    # rows with a delay or an integrator have joined where the record called for them
+    plain = (one.structure for one in selection.rows if not one.structure.constrained)
+    tried = sum(one.delay == wanted.template.delay for one in plain)
     told = f"poles, zeros = {row.label} chosen of {tried} candidates: {selection.reason}"
     between: tuple[str, ...] = ()
     estimate, left_open = row.estimate, any(record.intersample == "auto" for record in records)
