@@ -103,7 +103,11 @@ def lost_rivals(present: Present, places: Sequence[Place]) -> Iterator[Rival]:
     if not set(places) <= set(after_gaps(present.records)):
         yield from _cut(present, places, WITHOUT_A_TRACE, looked_for * len(places))
         return
-    moved = [one for one in places if _moved(present.records[one.experiment], one.sample)]
+    moved = []
+    for place in places:
+        record = present.records[place.experiment]
+        if np.any(record.u[place.sample] != record.u[_last_seen(record, place.sample)]):
+            moved.append(place)
     if moved:
         yield from _cut(present, moved, IN_GAPS, 0.0)
     others = len(places) - len(moved)
@@ -119,7 +123,7 @@ def _cut(
     times: list[float] = []
     for e, record in enumerate(present.records):
         own, left = [place.sample for place in places if place.experiment == e], record
-        for k in _apart(own, record.n_samples):
+        for k in _apart(own, record):
             at = float(record.t[k])
             try:
                 first, left = left.split(at)
@@ -160,10 +164,7 @@ def after_gaps(records: Sequence[Record]) -> list[Place]:
 
 def _is_filled(record: Record, after: int) -> bool:
     """Whether the input before a sample is made up: it was recorded where it lies elsewhere."""
-    seen = np.flatnonzero(np.isfinite(record.y[:after]).any(axis=1))
-    if not seen.size:
-        return False
-    first = int(seen[-1])
+    first = _last_seen(record, after)
     part = np.arange(1, after - first)[:, None] / (after - first)
     before, then = record.u[first], record.u[after]
     line = before + part * (then - before) * (record.behaviour != "zoh")
@@ -171,18 +172,19 @@ def _is_filled(record: Record, after: int) -> bool:
     return bool(np.allclose(record.u[first + 1 : after], line, rtol=0.0, atol=rounding))
 
 
-def _moved(record: Record, after: int) -> bool:
-    """Whether an input is another one after a gap than before it."""
-    seen = np.flatnonzero(np.isfinite(record.y[:after]).any(axis=1))
-    return bool(np.any(record.u[after] != record.u[seen[-1]]))
+def _last_seen(record: Record, after: int) -> int:
+    """The sample before a gap; the first one of the record where none was seen."""
+    seen = np.isfinite(record.y[:after]).any(axis=1)
+    return int(np.flatnonzero(seen)[-1]) if seen.any() else 0
 
 
-def _apart(places: Sequence[int], count: int) -> list[int]:
-    """Those that leave pieces that are long enough."""
+def _apart(places: Sequence[int], record: Record) -> list[int]:
+    """Those that leave pieces that are long enough, of samples that were recorded."""
     kept: list[int] = []
+    so_far = np.append(0, np.cumsum(np.isfinite(record.y).any(axis=1)))
     for k in sorted(places):
-        before = kept[-1] if kept else 0
-        if k - before >= LEAST_PIECE and count - k >= LEAST_PIECE:
+        before = so_far[kept[-1]] if kept else 0
+        if min(so_far[k] - before, so_far[-1] - so_far[k]) >= LEAST_PIECE:
             kept.append(k)
     return kept
 
