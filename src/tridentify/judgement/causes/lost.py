@@ -121,9 +121,11 @@ def _cut(
 ) -> Iterator[Rival]:
     pieces: list[Record] = []
     times: list[float] = []
+    # a gap is there: a piece beside it needs more samples than state, offset and drift take
+    least = present.poles.size + 3 if words is IN_GAPS else LEAST_PIECE
     for e, record in enumerate(present.records):
         own, left = [place.sample for place in places if place.experiment == e], record
-        for k in _apart(own, record):
+        for k in _apart(own, record, least):
             at = float(record.t[k])
             try:
                 first, left = left.split(at)
@@ -178,13 +180,13 @@ def _last_seen(record: Record, after: int) -> int:
     return int(np.flatnonzero(seen)[-1]) if seen.any() else 0
 
 
-def _apart(places: Sequence[int], record: Record) -> list[int]:
+def _apart(places: Sequence[int], record: Record, least: int) -> list[int]:
     """Those that leave pieces that are long enough, of samples that were recorded."""
     kept: list[int] = []
     so_far = np.append(0, np.cumsum(np.isfinite(record.y).any(axis=1)))
     for k in sorted(places):
         before = so_far[kept[-1]] if kept else 0
-        if min(so_far[k] - before, so_far[-1] - so_far[k]) >= LEAST_PIECE:
+        if min(so_far[k] - before, so_far[-1] - so_far[k]) >= least:
             kept.append(k)
     return kept
 
