@@ -26,7 +26,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "stuck-sensor": "a sensor or the recording hung, or repeats its values",
         "bad-samples": "samples that noise does not explain",
         "missing-samples": "samples that are not there",
-        "lost-rows": "rows that were lost without a trace in the time stamps",
+        "lost-rows": "rows that were lost: what follows does not come from what was before",
         "channel-changes": "a recorded channel changes its unit, its gain or its level",
         "another-system": "the record is not of the system that was identified",
         "input-noise": "a recorded input carries noise that did not act",

@@ -26,7 +26,7 @@ from tridentify.judgement.causes.intersample import (
     IN_WORDS,
     is_staircase,
 )
-from tridentify.judgement.causes.lost import Place, lost_rival
+from tridentify.judgement.causes.lost import Place, lost_rivals
 from tridentify.judgement.causes.present import Present
 from tridentify.judgement.causes.pulses import level_rivals, pulse_rivals
 from tridentify.judgement.causes.rivals import (
@@ -94,7 +94,7 @@ def explain(
     if base is None:
         return None
     settled = _from(present, base)
-    found = [] if only or "lost-rows" in skip else _fitted(lost_rival(settled, torn), base)
+    found = [] if only or "lost-rows" in skip else _fitted(lost_rivals(settled, torn), base)
     if torn and not any(one.is_clear for one in found):
         return Explanations(base, tuple(found), (None,) * base.point.problem.n_outputs)
     pairs = zip(base.point.problem.experiments, base.point.residuals(), strict=True)

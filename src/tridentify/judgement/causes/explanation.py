@@ -213,7 +213,8 @@ class Explanations:
 
     def _is_shared(self, one: Explanation) -> bool:
         """Whether rows seem lost where something else explains much of the same."""
-        if one.rival.code != "lost-rows":
+        # where the time stamps tell of gaps no instants were looked for, and that is its headline
+        if one.rival.code != "lost-rows" or one.rival.headline:
             return False
         return any(
             other.gain > ALONE * one.gain for other in self.found if other.rival.code != "lost-rows"

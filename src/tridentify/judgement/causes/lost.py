@@ -1,4 +1,4 @@
-"""Rows that were lost without a trace: instants at which the state jumps.
+"""Rows that were lost, without a trace or in gaps of the time stamps: where the state jumps.
 
 Where rows are missing between two samples that seem to follow each other, all that comes after is
 the response to the recorded input plus a free response ``c(t) x`` of the model from there on. For
@@ -50,8 +50,27 @@ MOST_SPIKES = 40
 LEAST_PIECE = 12
 """Samples of a piece: what comes earlier after a cut, or a start, is left in the piece before."""
 
+ROUNDING = 1e-12
+"""Over the largest value of an input: what a line between two samples may be off."""
+
 FORGOTTEN = 0.01
 """Share of a free response below which it is over."""
+
+
+WITHOUT_A_TRACE = (
+    "rows that were lost, or what struck from outside there and rang off as the system does,",
+    "mend the time stamps from a counter of the recorder; where no rows are missing, record what "
+    "struck (a door, a blow) as an input: a cut bends the poles where it rings off otherwise",
+    "",
+)
+"""What it explains, what to do but for a cut, and what it is called beside its code."""
+
+IN_GAPS = (
+    "moves of an input within gaps of the time stamps, at instants that were not recorded,",
+    "put a row without outputs where the input moved, if that is known from elsewhere",
+    "an input moved in a gap of the time stamps",
+)
+"""The same where the time stamps tell that rows are missing."""
 
 
 class Place(NamedTuple):
@@ -68,20 +87,45 @@ class Place(NamedTuple):
     sample: int
 
 
-def lost_rival(present: Present, places: Sequence[Place]) -> Iterator[Rival]:
+def lost_rivals(present: Present, places: Sequence[Place]) -> Iterator[Rival]:
     """The records cut at some places, every piece from an initial state of its own.
+
+    Where all places are gaps of the time stamps, also at those alone over which an input differs.
 
     Parameters
     ----------
     present : Present
     places : sequence of Place
-        From `jumps`.
+        From `jumps` or `after_gaps`.
     """
+    count = sum(record.n_samples for record in present.records)
+    looked_for = 2.0 * float(np.log(count))
+    if not set(places) <= set(after_gaps(present.records)):
+        yield from _cut(present, places, WITHOUT_A_TRACE, looked_for * len(places))
+        return
+    moved = []
+    for place in places:
+        record = present.records[place.experiment]
+        if np.any(record.u[place.sample] != record.u[_last_seen(record, place.sample)]):
+            moved.append(place)
+    if moved:
+        yield from _cut(present, moved, IN_GAPS, 0.0)
+    others = len(places) - len(moved)
+    if 0 < others <= MOST * len(present.records):
+        # an input may have moved there and back
+        yield from _cut(present, places, IN_GAPS, looked_for * others)
+
+
+def _cut(
+    present: Present, places: Sequence[Place], words: tuple[str, str, str], price: float
+) -> Iterator[Rival]:
     pieces: list[Record] = []
     times: list[float] = []
+    # a gap is there: a piece beside it needs more samples than state, offset and drift take
+    least = present.poles.size + 3 if words is IN_GAPS else LEAST_PIECE
     for e, record in enumerate(present.records):
         own, left = [place.sample for place in places if place.experiment == e], record
-        for k in _apart(own, record.n_samples):
+        for k in _apart(own, record, least):
             at = float(record.t[k])
             try:
                 first, left = left.split(at)
@@ -95,24 +139,54 @@ def lost_rival(present: Present, places: Sequence[Place]) -> Iterator[Rival]:
         return
     freed = replace(present.nuisances, initial_state="free")
     cut = replace(present, records=tuple(pieces), nuisances=freed)
-    many = "rows that were lost" if len(times) == 1 else f"rows that were lost, {len(times)} times"
-    count = sum(record.n_samples for record in present.records)
-    found = one(
-        "lost-rows",
-        cut,
-        many,
+    what, otherwise, headline = words
+    advice = (
         "Cut the record there (record.split, or a --range for each part) and identify the parts "
-        "together, or mend the time stamps from a counter of the recorder.",
+        f"together, or {otherwise}."
     )
-    yield replace(found, price=2.0 * len(times) * float(np.log(count)), times=tuple(times))
+    found = one("lost-rows", cut, what, advice)
+    yield replace(found, price=price, times=tuple(times), headline=headline)
 
 
-def _apart(places: Sequence[int], count: int) -> list[int]:
-    """Those that leave pieces that are long enough."""
+def after_gaps(records: Sequence[Record]) -> list[Place]:
+    """First samples after gaps of the time stamps.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        With the rows that are missing put back, without outputs and with the input that lay there.
+    """
+    found = []
+    for e, record in enumerate(records):
+        gone = np.isnan(record.y).all(axis=1).astype(int)
+        ends = np.flatnonzero(np.diff(gone) < 0) + 1
+        found += [Place(e, int(k)) for k in ends if _is_filled(record, int(k))]
+    return found
+
+
+def _is_filled(record: Record, after: int) -> bool:
+    """Whether the input before a sample is made up: it was recorded where it lies elsewhere."""
+    first = _last_seen(record, after)
+    part = np.arange(1, after - first)[:, None] / (after - first)
+    before, then = record.u[first], record.u[after]
+    line = before + part * (then - before) * (record.behaviour != "zoh")
+    rounding = ROUNDING * float(np.max(np.abs(record.u)))
+    return bool(np.allclose(record.u[first + 1 : after], line, rtol=0.0, atol=rounding))
+
+
+def _last_seen(record: Record, after: int) -> int:
+    """The sample before a gap; the first one of the record where none was seen."""
+    seen = np.isfinite(record.y[:after]).any(axis=1)
+    return int(np.flatnonzero(seen)[-1]) if seen.any() else 0
+
+
+def _apart(places: Sequence[int], record: Record, least: int) -> list[int]:
+    """Those that leave pieces that are long enough, of samples that were recorded."""
     kept: list[int] = []
+    so_far = np.append(0, np.cumsum(np.isfinite(record.y).any(axis=1)))
     for k in sorted(places):
-        before = kept[-1] if kept else 0
-        if k - before >= LEAST_PIECE and count - k >= LEAST_PIECE:
+        before = so_far[kept[-1]] if kept else 0
+        if min(so_far[k] - before, so_far[-1] - so_far[k]) >= least:
             kept.append(k)
     return kept
 

@@ -70,9 +70,9 @@ def judged(
     found += response_as_noise(estimate)
     found += [] if between is None else intersample_findings(estimate, between)
     tested = list(looked_at(estimate, records, known)) if estimate.status.ok else []
-    if any(one.code == "feedback" and one.matters for one in tested):
-        # other behaviours let an output follow the sample to come, as it does where that reacts:
-        # the tests compared both
+    if any(one.code in ("feedback", "lost-rows") and one.matters for one in tested):
+        # other behaviours let an output follow the sample to come, as it does where that reacts,
+        # and an input move within a gap: the tests compared both
         found = [one for one in found if one.code != "intersample"]
     loop = about_loop(estimate, records, tested)
     if any(one.severity == "error" for one in loop):

@@ -32,7 +32,7 @@ WITHOUT_THEM = "Without them"
 """Where in a message what was seen ends and what was tried begins."""
 
 HEADLINES = {
-    "lost-rows": "rows were lost there",
+    "lost-rows": "rows were lost there, or something struck the system from outside",
     "channel-changes": "a channel changes",
     "input-noise": "a recorded input carries noise that did not act",
     "intersample": "between its samples the input is not what it is taken for",

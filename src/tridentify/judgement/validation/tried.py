@@ -21,7 +21,7 @@ from tridentify.judgement.causes.feedback import (
     forecasts_react,
 )
 from tridentify.judgement.causes.intersample import is_staircase
-from tridentify.judgement.causes.lost import LEAST_PIECE, Place, jumps
+from tridentify.judgement.causes.lost import LEAST_PIECE, Place, after_gaps, jumps
 from tridentify.judgement.validation.distribution import distribution
 from tridentify.judgement.validation.evidence import (
     Evidence,
@@ -183,13 +183,17 @@ def try_causes(view: View, estimate: Estimate, n_lags: int, rate: float) -> Trie
     rate : float
         Probability of a false outlier.
     """
-    setting = _Setting(estimate, n_lags, rate, tuple(torn_at(view)), {})
+    setting = _Setting(estimate, n_lags, rate, (), {})
     known: Explanations | None = None
-    if setting.torn:
-        tried = _looked_again(_tried(view, setting, True), view, setting)
+    in_gaps = tuple(after_gaps(view.records))
+    for gaps in (True, False) if in_gaps else (False,):
+        torn = setting._replace(torn=in_gaps if gaps else tuple(torn_at(view)))
+        if not torn.torn:
+            continue
+        tried = _looked_again(_tried(view, torn, True), view, torn)
         if tried.named is not None and tried.named.rival.code == "lost-rows":
             return tried
-        setting, known = setting._replace(torn=()), tried.explained
+        known = tried.explained
     outputs = range(len(view.outputs))
     bad = any(len(_examined(view, i, setting).normality.outliers) for i in outputs)
     if bad and not view.uneven and forecasts_react(view.point, view.records):
