@@ -23,6 +23,7 @@ def test_findings_come_with_what_to_do(run, flight):
     text = " ".join(outcome.out.split())
     assert "! A sample of q stands alone" in text
     assert "(at 4 s)" in text
+    assert not outcome.out.endswith("\n\n")
     assert "what to do: Mark them as missing" in text
     assert "elevator excites: from" in text
     assert "poles it may support: about" in text

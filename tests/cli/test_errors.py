@@ -322,6 +322,7 @@ def test_a_folder_in_the_place_of_a_file_undoes_what_was_moved(
         (["identify", "x.csv", "--offset", "perhaps"], "--offset"),
         (["identify", "x.csv", "--colour", "red"], "--colour"),
         (["--colour"], "--colour"),
+        (["identify", "x.csv", "--intersample", "hold"], "'--intersample': 'hold' is not one of"),
         (["fly"], "fly"),
         (["study", "aircraft", "--draws", "0"], "--draws"),
     ],

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tridentify import identify, simulate
-from tridentify.errors import DataError, OutputPathError, UnreadableFileError
+from tridentify.errors import DataError, OptionError, OutputPathError, UnreadableFileError
 from tridentify.estimation.answer.estimate import (
     Estimate,
     Parameter,
@@ -38,6 +38,8 @@ def test_interval_is_gaussian():
     assert (low, high) == pytest.approx((3.0 - 0.195996, 3.0 + 0.195996), abs=1e-6)
     assert Parameter("a0", -4.0, 0.1).relative_std == pytest.approx(0.025)
     assert Parameter("a0", 0.0, 0.1).relative_std == math.inf
+    with pytest.raises(OptionError, match="level=95; expected a probability between 0 and 1"):
+        Parameter("a0", 3.0, 0.1).interval(95)
 
 
 def test_parameters_carry_value_error_and_unit(double):

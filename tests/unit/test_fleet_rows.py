@@ -126,6 +126,8 @@ def test_the_summary_counts_causes_and_shows_the_distribution(moody: fleet.Run) 
     assert "bad input 3" in text
     assert "over time 1" in text
     assert "a0" in text
+    first = moody.failed().iloc[0]
+    assert f"\n  {first['key']}: {first['message']}\n" in text
 
 
 @pytest.mark.parametrize(

@@ -240,6 +240,7 @@ def test_no_estimate_before_the_input_has_moved_the_plant():
     assert ready[-1]
     assert run.state.changes == ()
     assert np.all(np.abs(run.estimate.theta - [3.0, 9.0, 2.0, 3.0]) < 5.0 * run.estimate.std)
+    assert repr(run).endswith(f" times, 2000 samples, {run.estimate!r})")
 
 
 def test_findings_of_samples_and_noise():

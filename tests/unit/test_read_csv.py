@@ -50,6 +50,11 @@ def test_a_plain_file(write) -> None:
     assert (record.input_names, record.output_names) == (("u",), ("y",))
 
 
+def dated(content: str, day: str) -> str:
+    head, *rows = content.splitlines()
+    return "\n".join([head, *(f"{day} 10:00:0{row}" for row in rows)])
+
+
 VARIANTS = {
     "semicolons": GOOD.replace(",", ";"),
     "tabs": GOOD.replace(",", "\t"),
@@ -79,6 +84,10 @@ VARIANTS = {
     "comments between": GOOD.replace("1,7", "# 9,9,9,9\n1,7"),
     "header in a comment": "# logger\n# " + GOOD,
     "separator line": "sep=;\n" + GOOD.replace(",", ";"),
+    "aligned by blanks": "  t     u y z \n\n0.0     1 2 3\n0.5    4  5 6  \n  1     7 8 9\n",
+    "blanks, units and a decimal comma": "t u y z\ns V m m\n0 1 2 3\n0,5  4 5 6\n1 7 8 9\n",
+    "dates by slashes": dated(GOOD, "2026/01/31"),
+    "dates by points": dated(GOOD, "31.01.2026"),
     "units below": GOOD.replace("0,1", "s,deg,[rad/s],m/s^2\n0,1", 1),
 }
 

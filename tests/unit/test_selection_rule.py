@@ -123,3 +123,19 @@ def test_the_largest_of_all_is_not_believed_for_its_noise_model_alone():
     assert plain[0].loss < plain[1].loss
     assert recommend(trials, 1, explains=True, sharp=True).place == 1
     assert recommend(trials, 1, explains=True, sharp=True, ends=False).place == 0
+
+
+@pytest.mark.parametrize(("loss", "place"), [(0.9, 1), (0.725, 0)])
+def test_a_vague_candidate_stands_in_for_a_sound_one_where_it_is_of_use(loss, place):
+    # either predicts every other stretch better: the difference is within its scatter
+    sign = np.random.default_rng(3).choice([-1.0, 1.0], (600, 1)) / math.sqrt(600)
+    first = (np.arange(600) % 200 < 100)[:, None]
+    vague, sound = (
+        Unseen((sign * np.where(first, *sizes),), ((np.ones((600, 1)),),))
+        for sizes in ((loss, 0.3), (0.3, 0.7))
+    )
+    trials = [
+        Trial(2, vague, vague, False, True, (0, 1), vague=True),
+        Trial(4, sound, sound, True, True, (0, 2)),
+    ]
+    assert recommend(trials, None, explains=False, sharp=True).place == place

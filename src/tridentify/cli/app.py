@@ -168,7 +168,7 @@ def _explain(error: BaseException) -> int:
     usage: Any = error
     if hasattr(usage, "format_message"):
         path = getattr(getattr(usage, "ctx", None), "command_path", terminal.PROGRAM)
-        message = usage.format_message().strip().rstrip(".")
+        message = usage.format_message().replace("Value error, ", "").strip().rstrip(".")
         terminal.complain(f"{message}; see {path} --help")
         return BAD_INPUT
     if isinstance(error, OSError):

@@ -92,7 +92,7 @@ def show(*blocks: str | Table) -> None:
     """
     console = _Console(sys.stdout)
     with _to_the_reader():
-        for number, block in enumerate(blocks):
+        for number, block in enumerate(block for block in blocks if block != ""):
             if number:
                 console.print()
             if isinstance(block, str):

@@ -340,7 +340,9 @@ class Run(FleetViews):
             lines.append(
                 f"{seconds.median():.3g} s a record (median), {seconds.sum():.4g} s in all"
             )
-        lines += _counted("without an estimate", rows.filter(~rows["ok"])["status"].to_list())
+        bad = rows.filter(~rows["ok"])
+        lines += _counted("without an estimate", bad["status"].to_list())
+        lines += [f"  {key}: {why}" for key, why in bad["key", "message"].rows()[:MOST_CAUSES]]
         lines += _counted("status", good["status"].to_list())
         lines += _counted("cautions", [code for codes in good["cautions"] for code in codes])
         names, values = coefficients(good)

@@ -59,6 +59,9 @@ class Run:
     def __post_init__(self) -> None:
         freeze_arrays(self)
 
+    def __repr__(self) -> str:
+        return f"Run({len(self.time)} times, {len(self.innovations)} samples, {self.estimate!r})"
+
     @property
     def theta(self) -> Array:
         """(k, n) coefficients at the times; ``nan`` before they are determined."""

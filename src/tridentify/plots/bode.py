@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.parameter import checked_level
 from tridentify.judgement.advice import FrequencyResponse
 from tridentify.judgement.comparison.entries import Models
 from tridentify.numerics.arrays import Array
@@ -17,7 +18,6 @@ from tridentify.plots.lines import Line, band_label, frequencies, lines_of, name
 from tridentify.plots.measured import draw_measured, whole_turns
 from tridentify.plots.over_time import wrapped
 from tridentify.uncertainty import ResponseBand, response_band, sample, sampled_response_band
-from tridentify.uncertainty.checks import checked_level
 from tridentify.writing.layout import IN_PICTURES, short
 
 if TYPE_CHECKING:

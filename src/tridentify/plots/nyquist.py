@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from tridentify.estimation.answer.parameter import checked_level
 from tridentify.judgement.comparison.entries import Models
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.delta_method import confidence_ellipse
@@ -17,7 +18,6 @@ from tridentify.plots.bode import default_frequencies
 from tridentify.plots.lines import Line, frequencies, lines_of, named_first
 from tridentify.plots.over_time import wrapped
 from tridentify.uncertainty import response_covariance
-from tridentify.uncertainty.checks import checked_level
 from tridentify.uncertainty.draws import frequency_values
 
 if TYPE_CHECKING:

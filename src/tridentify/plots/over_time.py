@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from tridentify.errors import OptionError
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.parameter import checked_level
 from tridentify.judgement.comparison.entries import Models
 from tridentify.numerics import delta_method
 from tridentify.numerics.arrays import Array
@@ -32,7 +33,7 @@ from tridentify.uncertainty import (
     sampled_step_band,
     step_band,
 )
-from tridentify.uncertainty.checks import checked_level, checked_times
+from tridentify.uncertainty.checks import checked_times
 from tridentify.uncertainty.step import powers_of
 
 if TYPE_CHECKING:

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.parameter import checked_level
 from tridentify.judgement.comparison.entries import Models
 from tridentify.numerics.root_draws import stacked_roots
 from tridentify.plots.lines import Line, lines_of
 from tridentify.plots.style import BLACK, CYCLE, WIDTH, Panels, dress, literal, make_axes
 from tridentify.uncertainty import RootUncertainty, poles, zeros
-from tridentify.uncertainty.checks import checked_level
 from tridentify.writing.layout import format_std, format_value, short
 
 if TYPE_CHECKING:

@@ -12,6 +12,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tridentify.errors import OptionError
 from tridentify.estimation.answer.finding import Finding
 from tridentify.report.first_screen import KeyNumber
 from tridentify.report.pictures import Picture
@@ -90,9 +91,15 @@ class Page:
 
         Raises
         ------
+        OptionError
+            The name is that of another kind of file.
         OutputPathError
             The file cannot be written; nothing is left behind.
         """
+        if Path(path).suffix.lower() not in ("", ".html", ".htm"):
+            raise OptionError.found(
+                "the page ", Path(path).name, "a name that ends in .html", "print it from a browser"
+            )
         script = _part("page.js")
         text = _template().render(
             {name: getattr(self, name) for name in self.__dataclass_fields__},

@@ -9,24 +9,8 @@ import numpy.typing as npt
 
 from tridentify.errors import OptionError, UnsupportedError
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.parameter import checked_level
 from tridentify.numerics.arrays import Array
-
-
-def checked_level(level: float) -> float:
-    """A probability between zero and one.
-
-    Raises
-    ------
-    OptionError
-
-    Examples
-    --------
-    >>> checked_level(0.9)
-    0.9
-    """
-    if isinstance(level, bool) or not isinstance(level, (int, float)) or not 0 < level < 1:
-        raise OptionError.found("level=", level, "a probability between 0 and 1", "write 0.95")
-    return float(level)
 
 
 def factor_of(level: float) -> float:

@@ -31,8 +31,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tridentify.errors import OptionError
+from tridentify.estimation.answer.parameter import checked_level
 from tridentify.numerics.arrays import Array
-from tridentify.uncertainty.checks import checked_level
 
 Kind = Literal["percentile", "basic", "bca"]
 

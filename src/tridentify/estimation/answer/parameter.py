@@ -8,12 +8,30 @@ from statistics import NormalDist
 
 import numpy as np
 
+from tridentify.errors import OptionError
 from tridentify.estimation.answer.trace import freeze_arrays
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.quantiles import quantiles
 
 NOT_DETERMINED = "not determined"
 """What tables show in place of such a number (`Parameter.determined`)."""
+
+
+def checked_level(level: float) -> float:
+    """A probability between zero and one.
+
+    Raises
+    ------
+    OptionError
+
+    Examples
+    --------
+    >>> checked_level(0.9)
+    0.9
+    """
+    if isinstance(level, bool) or not isinstance(level, (int, float)) or not 0 < level < 1:
+        raise OptionError.found("level=", level, "a probability between 0 and 1", "write 0.95")
+    return float(level)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -56,6 +74,7 @@ class Parameter:
         Gaussian; between quantiles of the draws where the estimate is a posterior mean, drawn out
         to the mean where that lies in their tail. That of a delay begins at zero at the earliest.
         """
+        level = checked_level(level)
         if self.draws.size:
             if np.isnan(self.draws).any():
                 return math.nan, math.nan

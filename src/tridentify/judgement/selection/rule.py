@@ -339,15 +339,14 @@ def _of_held_out(
     place = _smallest(trials, [k for k in as_good if k in eligible])
     fewest = trials[_smallest(trials, as_good)].size
     lesser = [
-        k
-        for k in eligible
-        if trials[k].size <= fewest and trials[k].unseen.loss <= trials[best].unseen.loss + USELESS
+        k for k in eligible if trials[k].size <= fewest and _is_of_use(trials[k], trials[best])
     ]
     if trials[place].size <= fewest:
         return place, "held-out"
     if not lesser:
         # that coefficients are badly known is no reason for more of them
-        vague = [k for k in as_good if trials[k].vague and trials[k].size < trials[place].size]
+        smaller = (k for k in as_good if trials[k].size < trials[place].size)
+        vague = [k for k in smaller if trials[k].vague and _is_of_use(trials[k], trials[best])]
         return _smallest(trials, vague or [place]), "held-out"
     first = min(lesser, key=lambda k: trials[k].unseen.loss)
     return _smallest(trials, [k for k in lesser if _as_good(trials[k], trials[first])]), "useful"
@@ -392,6 +391,10 @@ def _is_believed(likeliest: Trial, place: Trial) -> bool:
     )
 
 
+def _is_of_use(one: Trial, best: Trial) -> bool:
+    return one.unseen.loss <= best.unseen.loss + USELESS
+
+
 def _no_worse(one: Unseen, other: Unseen) -> bool:
     """Whether the losses of one are no larger, as they are and on fair terms."""
     return all(contrast.own <= contrast.other for contrast in contrasts(one, other))
@@ -399,7 +402,8 @@ def _no_worse(one: Unseen, other: Unseen) -> bool:
 
 def _is_near(trials: Sequence[Trial], k: int, best: int) -> bool:
     """Whether a candidate is little worse than the best; that it is vague is no reason for more."""
-    able = trials[k].sound or trials[k].vague or k == best
+    vague = trials[k].vague and _is_of_use(trials[k], trials[best])
+    able = trials[k].sound or vague or k == best
     return able and _points(trials[k], trials[best]) <= POINT
 
 

@@ -2,7 +2,7 @@
 
 What is understood: ``2026-11-22T10:30:00.25``, with a blank for the T, with ``Z`` or ``+01:00``, a
 date alone, and ``10:30:00.25`` alone, whose hours may go on beyond 24 as those of a stopwatch do.
-Years are those from 1900 to 2189.
+``2026/11/22`` and ``22.11.2026`` have one reading as well. Years are those from 1900 to 2189.
 Other orders of day and month are refused: 1/2/2026 is January to one reader and February to
 another.
 """
@@ -18,8 +18,8 @@ import numpy as np
 from tridentify.numerics.arrays import Array
 
 _DATE = re.compile(
-    r"(\d{4}-\d\d-\d\d)(?:[Tt ]+(\d\d:\d\d(?::\d\d)?)(?:[.,](\d{1,9})\d*)?"
-    r"\s*([Zz]|[-+]\d\d(?::?\d\d)?)?)?",
+    r"(\d{4}-\d\d-\d\d|\d{4}/\d\d/\d\d|\d\d\.\d\d\.\d{4})"
+    r"(?:[Tt ]+(\d\d:\d\d(?::\d\d)?)(?:[.,](\d{1,9})\d*)?\s*([Zz]|[-+]\d\d(?::?\d\d)?)?)?",
     re.ASCII,
 )
 _CLOCK = re.compile(r"(\d{1,4}):([0-5]\d):([0-5]\d)(?:[.,](\d{1,9})\d*)?", re.ASCII)
@@ -60,6 +60,7 @@ def read_moment(cell: str) -> Moment | None:
     if (date := _DATE.fullmatch(text)) is None:
         return None
     day, time, fraction, zone = date.groups()
+    day = "-".join(reversed(day.split("."))).replace("/", "-")
     try:
         stated = datetime.fromisoformat(f"{day}T{time or '00:00'}{(zone or 'Z').upper()}")
     except ValueError:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from tridentify.errors import UnreadableFileError, shown
 from tridentify.record.formats.cells import SEPARATORS
-from tridentify.record.formats.title_lines import LOOKED_AT, best_separator, header_place
+from tridentify.record.formats.title_lines import LOOKED_AT, header_place, separator_of
 
 COMMENTS = ("#", "%")
 LONGEST_ROW = 1 << 24
@@ -135,7 +135,7 @@ def read_opening(file: Path, encoding: str) -> Opening:
         return Opening(",", number, comment)
     # a workbook fills a title up to the width of the table
     titles = tuple(line.strip().strip(SEPARATORS) for line in lines[:place])
-    return Opening(best_separator(lines[place]), found[place][1], comment, titles)
+    return Opening(separator_of(lines[place:]), found[place][1], comment, titles)
 
 
 def check_row(file: Path, length: int, line: int) -> None:

@@ -4,7 +4,8 @@ A clean file (no quotes, no comments, no blank cell, every row as long as the he
 polars. Any other is read cell by cell, which either yields the numbers or names the line that is at
 fault.
 
-What is recognised: the separator (comma, semicolon, tab, bar) by its count in the header; UTF-8,
+What is recognised: the separator (comma, semicolon, tab, bar) by its count in the header, blanks
+where there is none of these and the next line has as many words; UTF-8,
 UTF-16 with a byte-order mark, and what is neither but has no control characters as Latin-1; lines
 of comments that begin with ``#`` or ``%``, the last of which may be the header; lines of title
 above the header, which are told; a line of units below the header, of which no cell is a number;
@@ -52,7 +53,7 @@ from tridentify.record.formats.cells import (
 )
 from tridentify.record.formats.dates import Instants, read_moment
 from tridentify.record.formats.isolation import check_size
-from tridentify.record.formats.title_lines import LOOKED_AT
+from tridentify.record.formats.title_lines import LOOKED_AT, dialect
 
 MOST_TEXT_COLUMNS = 1_000_000
 """Columns beyond which a header is taken for damage: their names alone would take a gigabyte."""
@@ -253,11 +254,12 @@ def _rows(
                 raise text_opening.not_text(
                     file, f"more than {MOST_TEXT_COLUMNS:,} columns in line {number}"
                 )
-            yield "\n" if number < first_line else line
+            aligned = separator == " "  # a blank at the end is no separator
+            yield "\n" if number < first_line else f"{line.rstrip()}\n" if aligned else line
 
     try:
         with file.open(encoding=encoding, errors=text_opening.LATER_BYTES, newline="") as stream:
-            reader = csv.reader(lines(stream), delimiter=separator)
+            reader = csv.reader(lines(stream), **dialect(separator))
             for cells in reader:
                 length = 0
                 if any("\0" in cell for cell in cells):

@@ -11,6 +11,7 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Sequence
+from typing import Any
 
 from tridentify.record.formats.cells import SEPARATORS, is_value, unit_cells
 
@@ -35,6 +36,22 @@ def best_separator(line: str) -> str:
     return max(SEPARATORS, key=plain.count)
 
 
+def separator_of(lines: Sequence[str]) -> str:
+    """The separator of a header and the rows below it: a blank where columns are aligned by them.
+
+    Examples
+    --------
+    >>> separator_of(["t,u", "0,1"]), separator_of(["  t   u", "0.0  1.0"])
+    (',', ' ')
+    >>> separator_of(["pitch rate", "0.5"])
+    ','
+    """
+    best = best_separator(lines[0])
+    widths = [len(line.split()) for line in lines[:2]]
+    aligned = best not in lines[0] and widths[0] > 1 and widths == [widths[0]] * 2
+    return " " if aligned else best
+
+
 def header_place(lines: Sequence[str]) -> int:
     """Find the line that names the columns.
 
@@ -56,7 +73,7 @@ def header_place(lines: Sequence[str]) -> int:
     for place, line in enumerate(lines):
         if _UNCLOSED.search(line) and line.count('"') % 2:
             break  # a cell that goes on in the next line
-        separator = best_separator(line)
+        separator = separator_of(lines[place:])
         cells, *below = (_cells(text, separator) for text in lines[place : place + AGREEING + 2])
         values = [is_value(cell) for cell in cells if cell]
         if all(values):
@@ -67,9 +84,14 @@ def header_place(lines: Sequence[str]) -> int:
     return 0
 
 
+def dialect(separator: str) -> dict[str, Any]:
+    """How the `csv` module reads a line: several blanks in a row are one separator."""
+    return {"delimiter": separator, "skipinitialspace": separator == " "}
+
+
 def _cells(line: str, separator: str) -> list[str]:
     try:
-        cells = next(csv.reader([line], delimiter=separator), [])
+        cells = next(csv.reader([line], **dialect(separator)), [])
     except csv.Error:
         return []
     return [cell.strip() for cell in cells]
