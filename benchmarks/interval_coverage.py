@@ -87,7 +87,13 @@ def snr(decibel: float) -> float:
 
 
 REAL_POLES = ((1.0, 4.0, 3.0), (3.0,), register(7, 6, 1016, 8), 0.05)
-COLOURED = ((1.0, 4.0, 3.0), (2.0,), register(7, 6, 1016, 8), 0.05)
+
+
+def coloured(length: int) -> tuple[tuple[float, ...], tuple[float, ...], Array, float]:
+    """The same poles, for a record of so many samples in coloured noise."""
+    return (1.0, 4.0, 3.0), (2.0,), register(7, 6, length, 8), 0.05
+
+
 RAO_GARNIER = (1.0, 5.0, 408.0, 416.0, 1600.0), (-6400.0, 1600.0)
 SHORT = ((1.0, 1.0, 3.0), (0.5,), np.ones(100), 0.05)
 LONG = ((1.0, 1.0, 3.0), (0.5,), np.ones(1000), 0.05)
@@ -109,7 +115,9 @@ CASES = {
     "aircraft, M=100, ratio 0.5": Case(*SHORT, 0.5, "white", *AT_D, 1000, 60),
     "aircraft, M=100, ratio 1": Case(*SHORT, 1.0, "white", *AT_D, 1000, 60),
     "aircraft, M=1000, ratio 1": Case(*LONG, 1.0, "white", *AT_D, 1000, 0),
-    "2/(s^2+4s+3), N=1016, ARMA, 15 dB": Case(*COLOURED, snr(15), "arma", *AT, 1000, 0),
+    "2/(s^2+4s+3), N=1016, ARMA, 15 dB": Case(*coloured(1016), snr(15), "arma", *AT, 1000, 0),
+    "2/(s^2+4s+3), N=100, ARMA, 15 dB": Case(*coloured(100), snr(15), "arma", *AT, 1000, 0),
+    "2/(s^2+4s+3), N=150, ARMA, 15 dB": Case(*coloured(150), snr(15), "arma", *AT, 1000, 0),
 }
 
 
