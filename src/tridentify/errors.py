@@ -114,7 +114,7 @@ class TridentifyError(Exception):
         Parameters
         ----------
         what : str
-            What stands before the value in the message, as ``dt=`` or ``--unit``; a blank may follow.
+            What stands before the value in the message, as ``dt=`` or ``--unit``.
         value : object
             Shown in quotes, shortened.
         expected, remedy : str
