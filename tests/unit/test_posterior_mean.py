@@ -371,6 +371,12 @@ def test_the_mean_of_models_on_a_curve_explains_the_record(finish):
         assert low <= parameter.value <= high
 
 
+def test_with_more_draws_it_still_does(monkeypatch):
+    monkeypatch.setattr("tridentify.estimation.posterior.mean.ROUND", 6_000)
+    method = ThreeModel(finish="posterior")
+    assert method.estimate([late_motor()], Structure(4, 3)).fit[0] > 97.8
+
+
 # ------------------------------------------------------------------------------ the finish option
 @pytest.mark.parametrize("ratio", [0.05, 1.0, 3.0])
 @pytest.mark.parametrize("seed", range(2))

@@ -125,8 +125,11 @@ def weigh(
     if not found.usable:
         return best.told("the posterior could not be sampled; the likelihood's maximum is kept")
     point = evaluate(problem, found.poles)
-    if finish == "auto" and sound and point.objective > best.point.objective + RIVAL:
-        return best.told(BETWEEN)
+    if point.objective > best.point.objective + RIVAL:
+        if finish == "auto" and sound:
+            return best.told(BETWEEN)
+        likely = evaluate(problem, found.nearest(problem))
+        point = likely if likely.objective < point.objective - RIVAL else point
     scattered = best if scatter is None else best.told(scatter.in_words())
     return replace(
         scattered,

@@ -22,8 +22,9 @@ a section ``p^2 + c p + d`` (neighbouring poles, `posterior.many_cascades`) has 
 above a tenth of its natural size, ``max(c, sqrt d, 1/T)`` and its square. Both estimates then agree
 within a fraction of a standard error. Elsewhere, and where the search ended at a limit, the
 posterior decides. Where a usable maximum explains the record far better than the mean, the likely
-models lie on a curve and their mean beside it (little noise, needless poles): the maximum is kept.
-So it is where the record sees a pole slower than the prior assumes: plants that integrate.
+models lie on a curve and their mean beside it (little noise, needless poles): the maximum is kept,
+or the likely model nearest to the mean counts where the posterior is asked for. The maximum is also
+kept where the record sees a pole slower than the prior assumes: plants that integrate.
 
 *Uncertainty.* Intervals are quantiles of posterior draws. A volume prior of Jeffreys' kind makes
 them cover as stated to first order (Welch & Peers 1963). The standard error shown is half the
@@ -52,7 +53,7 @@ from tridentify.estimation.posterior.sampling import (
 )
 from tridentify.estimation.posterior.surface import SLOWEST, Surface, surface, unit_of
 from tridentify.numerics.arrays import Array, Complex, Indices
-from tridentify.numerics.realization import sort_poles
+from tridentify.numerics.realization import denominator, sort_poles
 from tridentify.numerics.root_draws import stacked_roots
 
 LONGEST = 5_000
@@ -105,6 +106,18 @@ class Posterior:
     def usable(self) -> bool:
         """Whether the draws say anything."""
         return self.effective >= TOO_FEW
+
+    def nearest(self, problem: Problem) -> Complex:
+        """(n,) poles of the draw that is nearest to the mean, for where the likely lie on a curve.
+
+        Distances are in standard deviations of the denominator's coefficients.
+        """
+        n = self.poles.size
+        a = self.draws[:, :n]
+        size = np.sqrt(np.maximum(np.diag(self.covariance)[:n], 1e-300))
+        off = np.sum(((a - denominator(self.poles)[1:]) / size) ** 2, axis=1)
+        roots = np.roots(np.append(1.0, a[np.argmin(off)]))
+        return problem.admissible(sort_poles(roots.astype(np.complex128)))[0]
 
     @property
     def covariance(self) -> Array:
