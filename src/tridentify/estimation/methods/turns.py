@@ -69,6 +69,9 @@ MISSED = 1e-3
 """Probability of taking noise for a response that is missing."""
 FORETOLD = -math.log(1.0 - MOSTLY)
 """AICc above the predictor's for each sample where most of the innovations' power is foretold."""
+MUCH = 0.02
+"""Share of an output's power (a fit of 86 %) in a residual that noise models may do harm with: of
+less, the response that they take for noise is no loss, and their weights foretell better."""
 MOST_LEFT = 0.5
 """Share of an output's power that such an end may leave to the noise: where an input acts late, the
 likeliest end of all may be that the output is noise, and nothing would be learnt of the
@@ -170,7 +173,11 @@ class Turns:
         return max(0.0, *(excess for excess, _ in self._excesses(point, models)))
 
     def foretold(self, point: Point) -> bool:
-        """Whether predictors foretell most of what noise models leave of white ends' residuals."""
+        """Whether predictors foretell most of what noise models leave of a large residual."""
+        problem = point.problem
+        much = output_rss(point) > MUCH * problem.power * point.counts
+        if not np.all(much[np.array(self.tinted)]):
+            return False
         excesses = self._excesses(point, noise_models(point, self.tinted, None))
         return all(
             excess > FORETOLD * count
