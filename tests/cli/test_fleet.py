@@ -65,6 +65,21 @@ def test_units_of_one_file_by_a_column_on_two_processes(run, tmp_path):
 
 
 @pytest.mark.undrawn
+def test_a_population_that_cannot_be_told_does_not_hide_the_common_model(run, tmp_path):
+    rng = np.random.default_rng(4)
+    records = {f"u{k}": fleets.unit(rng, fleets.TRUTH, n=80, noise=0.2) for k in range(3)}
+    fleets.frame_of(records).write_parquet(tmp_path / "all.parquet")
+    outcome = run(
+        "fleet", tmp_path / "all.parquet", "--key", "unit", *QUESTION, "--together", "--pool",
+        "--out", tmp_path / "out",
+    )  # fmt: skip
+    assert outcome.code == 2
+    assert "3 records: 3 with an estimate" in outcome.out
+    assert "one model" in outcome.out.lower()
+    assert "found 3 units" in outcome.error_lines[-1]
+
+
+@pytest.mark.undrawn
 def test_together_and_pool_are_told_and_a_unit_apart_gets_its_report(run, tmp_path):
     rng = np.random.default_rng(2)
     truth = fleets.TRUTH * np.exp(0.05 * rng.standard_normal((32, 3)))

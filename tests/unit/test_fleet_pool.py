@@ -110,6 +110,18 @@ def test_too_few_units_are_refused() -> None:
         pooled(linear(said), ("a", "b"), own)
 
 
+def test_a_fleet_too_small_for_a_population_keeps_its_rows_and_says_why(tmp_path: Path) -> None:
+    random = np.random.default_rng(3)
+    units = {str(k): fleets.unit(random, fleets.TRUTH, n=80, noise=0.2) for k in range(3)}
+    found = fleet.fit(units, REST, out=tmp_path, together=True, pool=True)
+    assert found.common is not None
+    assert found.population is None
+    assert found.rows().height == 3
+    assert "found 3 units" in found.notes[-1]
+    with pytest.raises(TooFewSamplesError, match="found 3 units"):
+        found.pool()
+
+
 def test_a_fleet_is_pooled_and_the_members_written(tmp_path: Path) -> None:
     rng = np.random.default_rng(4)
     truth = fleets.TRUTH * np.exp(SPREAD * rng.standard_normal((40, 3)))

@@ -13,7 +13,7 @@ from tridentify.cli import options
 from tridentify.cli.groups import Along, Known, Late, Orders, ReadingMany, Way, asked_structure
 from tridentify.cli.terminal import Activity, plain, show, show_json
 from tridentify.cli.work import chosen_workers, describe_files
-from tridentify.errors import IdentifiabilityError, OptionError
+from tridentify.errors import IdentifiabilityError, OptionError, TooFewSamplesError
 
 if TYPE_CHECKING:
     from tridentify.fleet import Run
@@ -109,6 +109,8 @@ def fleet(
         activity.stage("writing the report")
         written = write_fleet_report(run, out / "report.html", reports=reports)
     _show(run, [written], as_json)
+    if pool and run.population is None:
+        raise TooFewSamplesError(run.notes[-1])
 
 
 def _source(files: Sequence[str], key: str | None) -> Any:

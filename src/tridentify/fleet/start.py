@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from tridentify.errors import TooFewSamplesError
 from tridentify.estimation.methods.base import Method
 from tridentify.fleet import working
 from tridentify.fleet.local import refuse_references, summable
@@ -84,7 +85,8 @@ def fit(
     together : bool
         Whether one model is fitted to all records as well (`Run.together`), ``run.common``.
     pool : bool
-        Whether the units are taken as members of a population (`Run.pool`), ``run.population``.
+        Whether the units are taken as members of a population (`Run.pool`), ``run.population``;
+        None, and a note that says why, where there are too few of them.
     time_limit : float
         Of one record, reading included [s].
     memory_limit : int
@@ -156,4 +158,9 @@ def fit(
     run = Run(store, question, notes)
     if together:
         run = replace(run, common=run.together())
-    return replace(run, population=run.pool()) if pool else run
+    if not pool:
+        return run
+    try:
+        return replace(run, population=run.pool())
+    except TooFewSamplesError as error:
+        return replace(run, notes=(*run.notes, str(error)))

@@ -98,6 +98,10 @@ class Bootstrap:
     def __post_init__(self) -> None:
         freeze_arrays(self)
 
+    def __repr__(self) -> str:
+        names = ", ".join(self.estimate.names)
+        return f"Bootstrap({self.n_draws} copies, {self.n_failed} failed, of {names})"
+
     @property
     def n_draws(self) -> int:
         """Number of copies, failures included."""

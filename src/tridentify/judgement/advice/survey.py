@@ -61,8 +61,8 @@ NO_RESPONSE = 1e-3
 FEEDBACK = 1e-8
 """Chance for feedback: small, as no noise is quite Gaussian and no response quite linear."""
 
-UNDERFLOW = 1e-300
-"""Chance below which it is not told how small it is: there it may be rounded to nothing."""
+UNDERFLOW = 1e-12
+"""Chance below which it is not told how small it is: no noise is Gaussian that far out."""
 
 LATE = 12.0
 """Fall of ``-2 log L`` from which a delay is told (odds of 400 to 1)."""
@@ -414,6 +414,10 @@ def _of_delay(seen: DelaySeen) -> Finding:
     )
 
 
+def _in_words(chance: float) -> str:
+    return f"below {UNDERFLOW:g}" if chance < UNDERFLOW else f"{chance:.1g}"
+
+
 def _of_noise(record: Record, output: _Output) -> list[Finding]:
     """Feedback and drift."""
     name, found = record.output_names[output.index], []
@@ -424,7 +428,7 @@ def _of_noise(record: Record, output: _Output) -> list[Finding]:
                 "feedback",
                 "warning",
                 f"What past inputs leave of {name} is explained by present and later ones "
-                f"(probability by chance {max(chance, UNDERFLOW):.1g}): the input reacts to the "
+                f"(probability by chance {_in_words(chance)}): the input reacts to the "
                 "output, its clock is late, or the system has a direct part (as many zeros as "
                 "poles).",
                 OPEN_LOOP if record.reference is None else BY_REFERENCE,
