@@ -4,14 +4,17 @@ The covariance is that of the curvature at the estimate. Where a loop is moved l
 is short, coefficients hang together, and derivatives along their longest axis change within a
 standard error or two: an estimate that lies off to where they are large has errors that are too
 small for itself. So the likelihood is followed along that axis to both sides, everything else at
-its best (Bates & Watts 1988, section 6.1). Where it falls less than the curvature says, the axis
-grows.
+its best (Bates & Watts 1988, section 6.1), to where it has fallen as far below its highest as the
+curvature awaits it where an interval ends. Where that is farther off, the axis grows. The highest
+is not the estimate itself where that is a root of instruments.
 
 Reference: D. Bates & D. Watts, *Nonlinear Regression Analysis and Its Applications* (1988).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Protocol, Self
 
 import numpy as np
@@ -26,6 +29,10 @@ BESIDE = 4
 """Steps of Gauss and Newton beside the axis; they begin where the curvature says they end."""
 MOST = 5.0
 """Times that an axis grows: beyond, nothing tells it."""
+TIMES = (1.0, 2.0, MOST)
+"""Where the fall is looked at, over `REACH`."""
+HALVED = 4
+"""Times that what lies between two of these is halved: to a tenth."""
 
 
 class Place(Protocol):
@@ -53,7 +60,7 @@ def farther(here: Place, cov: Array, n: int) -> Array:
     Parameters
     ----------
     here : Place
-        A minimum of the sum of squares.
+        A minimum of the sum of squares, or a root near one.
     cov : (k, k) array
         Of all unknowns, by the curvature.
     n : int
@@ -74,16 +81,36 @@ def farther(here: Place, cov: Array, n: int) -> Array:
     beside = sizes[:, None] * null_space(np.pad(weakest, (0, sizes.size - n))[None, :])
     with np.errstate(all="ignore"):
         awaited = REACH**2 * _curvature(here, along, beside)
-        least = awaited
-        for side in (-REACH, REACH):
+        if not awaited > 0.0:
+            return np.zeros((n, n))
+        highest = _lowest(here, np.column_stack([along, beside]))
+
+        def fallen(side: float, times: float) -> float:
+            """The likelihood's fall over the one that is awaited at `REACH`."""
             try:
-                moved = here.moved(side * along)
+                moved = here.moved(side * times * REACH * along)
                 size = np.inf if moved is None else _lowest(moved, beside)
             except (TridentifyError, np.linalg.LinAlgError):  # a plant that runs off
-                continue
-            least = min(least, size - here.size)
-    times = awaited / max(least, awaited / MOST**2) if awaited > 0.0 else 1.0
-    return (times - 1.0) * np.outer(axis, axis)
+                return np.inf
+            return max(size - highest, 0.0) / awaited
+
+        times = max(1.0, _end(partial(fallen, -1.0)), _end(partial(fallen, 1.0)))
+    return (times**2 - 1.0) * np.outer(axis, axis)
+
+
+def _end(fallen: Callable[[float], float]) -> float:
+    """Where the likelihood has fallen as awaited, over `REACH`; a wall ends the way to it."""
+    low = 0.0
+    for high in TIMES:
+        if fallen(high) >= 1.0:
+            break
+        low = high
+    else:
+        return low
+    for _ in range(HALVED if low else 0):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if fallen(middle) >= 1.0 else (middle, high)
+    return low
 
 
 def _curvature(here: Place, along: Array, beside: Array) -> float:
