@@ -16,6 +16,16 @@ from typing import Any
 import numpy as np
 
 from tridentify.estimation.likelihood.compiled_cost import fit_outputs, scores_at
+from tridentify.estimation.likelihood.compiled_proposal import (
+    bend_of,
+    bent_by,
+    combined,
+    damped,
+    dot,
+    fall,
+    promised,
+    slope_left,
+)
 from tridentify.models.compiled_columns import largest
 from tridentify.models.compiled_regression import triangles_of
 from tridentify.models.compiled_steps import coefficients_of
@@ -38,8 +48,6 @@ SEEN = (
 """Residual sums of squares, then what `compiled_cost.scores_at` gives."""
 LEAST_VARIANCE = 1e-300
 """As in `likelihood.cost`."""
-NEGLIGIBLE = 1e-13
-"""Singular values over the largest, as in `step.Decomposition.gain`."""
 
 
 @compiled("complex128[::1](float64[:,::1])", inner=True)
@@ -234,25 +242,6 @@ def step_back(
     return bool(np.isfinite(total))
 
 
-@compiled("float64(float64, float64, float64)", inner=True, linked=True)
-def fall(share: float, total: float, samples: float) -> float:
-    """Of the objective, where the residual's square falls by ``share``."""
-    fraction = share / (total * total) if total > 0.0 else 0.0
-    lower: float = np.log1p(-min(fraction, 1.0 - 1e-15))
-    return -samples * lower
-
-
-@compiled("float64(float64[::1], float64[::1], float64, float64, float64)", inner=True, linked=True)
-def promised(s: Array, projection: Array, total: float, damping: float, samples: float) -> float:
-    """The fall of minus two log likelihood that a step promises."""
-    share, least = 0.0, NEGLIGIBLE * s[0]
-    for k in range(s.size):
-        if s[k] > least and s[k] * s[k] > 0.0:
-            part = s[k] * (s[k] / (s[k] * s[k] + damping))
-            share += projection[k] * projection[k] * part * (2.0 - part)
-    return fall(share, total, samples)
-
-
 @compiled("void(float64[:,::1], float64[:,::1], float64[::1], float64[::1], int64)", inner=True)
 def shift_inputs(s: Array, a: Array, b: Array, constants: Array, states: int) -> None:
     """Constants put back on the inputs, as `models.regression.restricted` does."""
@@ -337,35 +326,6 @@ def cost_there(
     return (costs, *found), objective, conditions.max(), theta
 
 
-@compiled("float64[::1](float64[:,::1], float64[::1])", inner=True, linked=True)
-def combined(matrix: Array, weights: Array) -> Array:
-    """The product."""
-    found = np.zeros(matrix.shape[0])
-    for r in range(matrix.shape[0]):
-        for c in range(weights.size):
-            found[r] += matrix[r, c] * weights[c]
-    return found
-
-
-@compiled("float64(float64[::1], float64[::1])", inner=True, linked=True)
-def dot(one: Array, other: Array) -> float:
-    """Inner product."""
-    total = 0.0
-    for k in range(one.size):
-        total += one[k] * other[k]
-    return total
-
-
-@compiled("float64(float64[::1], float64[::1], float64)", inner=True, linked=True)
-def slope_left(s: Array, projection: Array, total: float) -> float:
-    """The residual's share along the scores, as `Point.gradient`."""
-    square = 0.0
-    for k in range(s.size):
-        if s[k] > NEGLIGIBLE * s[0]:
-            square += projection[k] * projection[k]
-    return np.sqrt(square) / total if total > 0.0 else 0.0
-
-
 @compiled(
     f"({CHARTS}, {SHAPE}, float64[:,::1], float64[::1], float64[::1],"
     f" complex128[::1], {SEEN}, float64[::1], float64[::1], int64, int64)",
@@ -433,23 +393,10 @@ def descend(
         if left < settled:
             goes_on = False
             break
-        change = np.zeros(n)
-        for k in range(s.size):
-            if s[k] > NEGLIGIBLE * s[0] and s[k] * s[k] > 0.0:
-                part = s[k] / (s[k] * s[k] + state[0]) * projection[k]
-                for c in range(n):
-                    change[c] -= vt[k, c] * part / scale[c]
+        change = damped(s, vt, scale, projection, state[0])
         predicted = promised(s, projection, total, state[0], samples)
         if not np.isnan(state[2]):
-            across, excess = combined(scores, direction), state[2]
-            length, moved = dot(across, across), combined(scores, change)
-            share = dot(moved, across) / length * excess / (1.0 + excess)
-            for c in range(n):
-                change[c] -= share * direction[c]
-            for r in range(moved.size):
-                moved[r] -= share * across[r]
-            bent = excess * dot(moved, across) ** 2 / length
-            promise = -(2.0 * dot(residual, moved) + dot(moved, moved) + bent)
+            promise = bent_by(change, scores, residual, direction, state[2])
             predicted = fall(promise, total, samples)
         can, new, done = proposed(poles, change, orders, firsts, limits, left > far_away)
         if not can or not np.isfinite(predicted) or predicted == 0.0:
@@ -482,18 +429,9 @@ def descend(
         state[1], state[2] = 2.0, np.nan
         is_far = promised(trial[3], trial[6], trial[7], 0.0, samples) > far_away
         if done == 0 and not is_far and step_back(poles, new, orders, firsts, apart, direction):
-            for c in range(n):
-                direction[c] = -direction[c]
-            across = combined(trial[1], direction)
-            length = dot(across, across)
-            if length > 0.0:
-                slope = 2.0 * dot(trial[2], across)
-                before = 2.0 * dot(residual, combined(scores, change))
-                state[2] = (slope - before) / (2.0 * length) - 1.0
-                if np.isfinite(state[2]):
-                    state[2] = min(max(state[2], least_bend), most_bend)
-                else:
-                    state[2] = np.nan
+            before = 2.0 * dot(residual, combined(scores, change))
+            bend = bend_of(direction, trial[1], trial[2], before)
+            state[2] = min(max(bend, least_bend), most_bend) if np.isfinite(bend) else np.nan
         poles, seen, objective, note = new, trial, reached, done
         idle = idle + 1 if gain < least_gain else 0
         goes_on = idle <= 2

@@ -30,15 +30,15 @@ are those of its innovations (`regression`), and so are ``RSS`` and everything m
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.estimation.likelihood.bank import Bank
+from tridentify.estimation.likelihood.fitted_point import FittedPoint
 from tridentify.estimation.likelihood.held_poles import at_slow_limit, conditions, left_by
-from tridentify.estimation.likelihood.linear_columns import linear_blocks
-from tridentify.estimation.likelihood.linear_fit import Linear, OutputFit
+from tridentify.estimation.likelihood.linear_fit import Linear
 from tridentify.estimation.likelihood.problem import LEAST_DAMPED, TOO_SLOW, Problem, Variant
 from tridentify.estimation.likelihood.step import (
     Bend,
@@ -47,146 +47,18 @@ from tridentify.estimation.likelihood.step import (
     decomposition_of,
 )
 from tridentify.estimation.likelihood.triangles import Triangles
-from tridentify.models.regression import LONG, Regression, regress, response_of
-from tridentify.models.response import Branch, ColumnBlocks, FilteredResponse, Response
+from tridentify.models.regression import Regression, regress
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.kept import cached_property
-from tridentify.numerics.least_squares import Solution
-from tridentify.numerics.realization import Cascade, filter_map, roots_of
+from tridentify.numerics.realization import roots_of
 
-FLOOR = 1e-30
-"""Share of the output's power added to a residual's: (1e-15)^2, its rounding. The logarithm of a
-residual of nothing is a number then."""
-LEAST_VARIANCE = 1e-300
-"""A residual of nothing counts as this: its logarithm is a number."""
 FAR = 0.1
 """Fall of ``-2 log L`` a sample that a step promises, above which the quadratic it rests on is not
 that of the end: 5 % of the residual. What is poor now may lead elsewhere, so no pole is held."""
 
 
-@dataclass(frozen=True, eq=False)
-class Point:
-    """A denominator and the best fit there.
-
-    Attributes
-    ----------
-    problem : Problem
-    poles : (n,) complex array
-    triangles : Triangles
-    linear : Linear
-    """
-
-    problem: Problem
-    poles: Complex
-    triangles: Triangles
-    linear: Linear
-
-    @property
-    def bank(self) -> Cascade:
-        """The poles repeated."""
-        return self.triangles.bank.cascade
-
-    @property
-    def branches(self) -> tuple[Branch, ...]:
-        """The part of the bank that belongs to each denominator."""
-        return self.triangles.bank.branches
-
-    @property
-    def regressions(self) -> tuple[Regression, ...]:
-        """The triangle of each experiment."""
-        return self.triangles.regressions
-
-    @cached_property
-    def response(self) -> Response:
-        """``y_0`` on ``bank``, without offset and drift."""
-        return Response(self.linear.rows, self.linear.direct, self.linear.started)
-
-    def answering(self, response: Response) -> Point:
-        """The same place with outputs that were not fitted to the triangles."""
-        own = self.linear._replace(
-            rows=response.rows, direct=response.direct, started=response.free
-        )
-        return replace(self, linear=own)
-
-    @cached_property
-    def fits(self) -> tuple[OutputFit, ...]:
-        """The fit of each output, with its columns by name."""
-        found, linear = [], self.linear
-        for i, n in enumerate(linear.sizes.tolist()):
-            columns = ColumnBlocks()
-            for e, regression in enumerate(self.regressions):
-                blocks = linear_blocks(self.problem, self.branches, regression, e, i)
-                columns.add(blocks, regression.targets[i])
-            rows = self.triangles.unstacked
-            solution = Solution(
-                linear.solutions[i, :n],
-                float(linear.costs[i]),
-                float(linear.conditions[i]),
-                rows(linear.bases[i, :, : linear.ranks[i]]),
-            )
-            matrix, residual = rows(linear.matrices[i, :, :n]), rows(linear.residuals[i])
-            found.append(OutputFit(columns, matrix, solution, residual))
-        return tuple(found)
-
-    @property
-    def condition(self) -> float:
-        """Of the linear fits, the largest over the outputs."""
-        return float(self.linear.conditions.max())
-
-    @property
-    def counts(self) -> Array:
-        """(n_outputs,) samples used."""
-        return self.triangles.counts
-
-    @property
-    def rss(self) -> Array:
-        """(n_outputs,) residual sums of squares."""
-        return self.linear.costs
-
-    @cached_property
-    def variance(self) -> Array:
-        """(n_outputs,) residual mean squares, kept above rounding."""
-        return self.rss / self.counts + FLOOR * self.problem.power
-
-    @cached_property
-    def objective(self) -> float:
-        """Minus two log likelihood, up to a constant: ``sum_i N_i log variance_i``."""
-        return float(self.counts @ np.log(np.maximum(self.variance, LEAST_VARIANCE)))
-
-    @cached_property
-    def weights(self) -> Array:
-        """(n_outputs,) one over the residual standard deviations."""
-        return np.asarray(1.0 / np.sqrt(np.maximum(self.variance, LEAST_VARIANCE)))
-
-    @property
-    def inner(self) -> Cascade:
-        """The poles once, where all channels share them."""
-        (inner,) = self.triangles.bank.inners
-        return inner
-
-    @cached_property
-    def parts(self) -> tuple[Response, ...]:
-        """What each denominator contributes, on the states of its branch."""
-        return tuple(self.response.part(one.states, one.channels) for one in self.branches)
-
-    @cached_property
-    def score_states(self) -> FilteredResponse:
-        """``X y_0`` on the bank: minus the derivatives of the outputs with respect to ``alpha``."""
-        found = [
-            part.filtered(one.bank, filter_map(one.inner, one.bank)).spread(
-                one.states, self.bank.order
-            )
-            for one, part in zip(self.branches, self.parts, strict=True)
-        ]
-        return FilteredResponse.joined(found)
-
-    def slopes(self, regression: Regression, output: int) -> Array:
-        """(r, n_delays) time derivatives of what each input makes of an output."""
-        found = [
-            regression.input_signal(output, j, row @ self.bank.a, float(row @ self.bank.b))
-            for j, row in enumerate(self.response.rows[output][: self.problem.n_delays])
-        ]
-        return np.stack(found, axis=1) if found else np.zeros((regression.targets[output].size, 0))
+class Point(FittedPoint):
+    """A fit with the slopes of its cost, and the steps that they ask for."""
 
     @cached_property
     def seen(self) -> tuple[Array, Array, Decomposition]:
@@ -389,105 +261,6 @@ class Point:
             errors = np.sqrt(np.sum(np.abs(moved) ** 2, axis=1))
             worst = max(worst, float(np.max(errors / np.abs(z.real))))
         return worst
-
-    def residuals(self, most: int | None = None) -> tuple[Array, ...]:
-        """Recorded minus fitted outputs over time, (n_samples, n_outputs) per experiment.
-
-        Not whitened; ``nan`` where a sample is missing.
-        """
-        pairs = zip(self.problem.experiments, self.outputs(most), strict=True)
-        return tuple(experiment.y[:most] - fitted for experiment, fitted in pairs)
-
-    def outputs(self, most: int | None = None) -> tuple[Array, ...]:
-        """Fitted outputs over time, nuisance terms along, where samples are missing too.
-
-        Parameters
-        ----------
-        most : int, optional
-            Samples of each experiment; all where it is left out.
-
-        Returns
-        -------
-        tuple of (n_samples, n_outputs) arrays
-        """
-        found = []
-        for e, experiment in enumerate(self.problem.experiments):
-            layout, bank = self.regressions[e].layout, self.bank
-            if experiment.n_samples > LONG and len(self.branches) == 1:
-                # the outputs use the poles once
-                bank = self.branches[0].inner
-                layout = replace(layout, order=bank.order)
-            rows = np.zeros((self.problem.n_outputs, layout.n_signals))
-            for i, fit in enumerate(self.fits):
-                for j in range(layout.n_inputs):
-                    rows[i, layout.input_states(j)] = self.response.rows[i, j, : bank.order]
-                    rows[i, layout.direct(j)] = self.response.direct[i, j]
-                if layout.free:
-                    rows[i, : layout.order] = self.response.free[e, i, : bank.order]
-                terms = fit.columns.pick(fit.solution.x, ("nuisance", e, i))
-                rows[i, layout.nuisance] = terms
-            found.append(response_of(experiment, bank, rows, most))
-        return tuple(found)
-
-    def sensitivities(self, combinations: Array, output: int) -> tuple[Array, ...]:
-        """Derivatives of one output over time, (n_samples, k) per experiment.
-
-        Parameters
-        ----------
-        combinations : (n_unknowns, k) array
-            Of the unknowns, in the order of `jacobian`.
-        output : int
-        """
-        width, found = self.jacobian()[0].width, []
-        for e, experiment in enumerate(self.problem.experiments):
-            layout = self.regressions[e].layout
-            n = layout.n_signals
-            unit = Regression(
-                layout,
-                (np.eye(n),) * self.problem.n_outputs,
-                (np.zeros(n),) * self.problem.n_outputs,
-                (n,) * self.problem.n_outputs,
-            )
-            blocks: dict[object, Array] = {"a": -self.score_states.signals(unit, e, output)}
-            if self.problem.n_delays:
-                blocks["delay"] = -self.slopes(unit, output)
-            linear = linear_blocks(self.problem, self.branches, unit, e, output)
-            blocks |= {(output, key): block for key, block in linear.items()}
-            rows = np.zeros((n, combinations.shape[1]))
-            for key, block in blocks.items():
-                rows += block @ combinations[width[key]]
-            owners = [output] * rows.shape[1]
-            signals = response_of(experiment, self.bank, rows.T, outputs=owners)
-            found.append(np.where(np.isnan(experiment.y[:, [output]]), np.nan, signals))
-        return tuple(found)
-
-    def jacobian(self) -> tuple[ColumnBlocks, Array, Array]:
-        """Derivatives of all outputs by alpha, free delays, b and every nuisance term.
-
-        Returns
-        -------
-        columns : ColumnBlocks
-            Which unknown stands where.
-        matrix : (rows, n_unknowns) array
-        output : (rows,) int array
-            The output that a row belongs to.
-        """
-        return self._jacobian
-
-    @cached_property
-    def _jacobian(self) -> tuple[ColumnBlocks, Array, Array]:
-        columns = ColumnBlocks()
-        owner = []
-        for i in range(self.problem.n_outputs):
-            for e, regression in enumerate(self.regressions):
-                blocks: dict[object, Array] = {"a": -self.score_states.signals(regression, e, i)}
-                if self.problem.n_delays:
-                    blocks["delay"] = -self.slopes(regression, i)
-                linear = linear_blocks(self.problem, self.branches, regression, e, i)
-                blocks |= {(i, key): block for key, block in linear.items()}
-                columns.add(blocks, regression.targets[i])
-                owner.append(np.full(regression.targets[i].size, i))
-        return columns, columns.assemble()[0], np.concatenate(owner)
 
 
 def bank_of(problem: Problem, poles: Complex, repeats: int) -> Bank:

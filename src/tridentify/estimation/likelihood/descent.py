@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tridentify.estimation.likelihood.bend import LEAST_BEND, MOST_BEND
-from tridentify.estimation.likelihood.cost import FAR, FLOOR, Point, evaluate, evaluate_variant
+from tridentify.estimation.likelihood.cost import FAR, Point, evaluate, evaluate_variant
+from tridentify.estimation.likelihood.fitted_point import FLOOR
 from tridentify.estimation.likelihood.problem import (
     LEAST_DAMPED,
     REFLECTED,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tridentify.estimation.likelihood.cost import FLOOR
+from tridentify.estimation.likelihood.fitted_point import FLOOR
 from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.models.columns import Layout, Regression
 from tridentify.models.regression import Stack, held_states, regression_at, stacks_on
