@@ -16,9 +16,7 @@ from numpy.typing import ArrayLike
 from tridentify.errors import (
     ChannelCountError,
     OptionError,
-    StructureError,
     UnsupportedError,
-    shown,
 )
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.rational import rational_response, scaled_roots
@@ -30,6 +28,7 @@ from tridentify.record.checks.coefficients import (
     stripped,
 )
 from tridentify.record.checks.samples import channel_names
+from tridentify.record.checks.values import made_from
 from tridentify.writing import interop
 from tridentify.writing.layout import format_polynomial
 from tridentify.writing.notebook import fraction
@@ -459,15 +458,7 @@ class TransferFunction(ModelViews):
         >>> TransferFunction.from_dict(model.to_dict())
         TransferFunction([1.0], [1.0, 2.0], delay=[[0.1]])
         """
-        try:
-            return cls(**content)
-        except TypeError as error:
-            if isinstance(error, StructureError):
-                raise
-            raise StructureError(
-                f"found the keys {shown(sorted(content), 80)}; expected those of to_dict(), num "
-                "and den at least; restore the file"
-            ) from error
+        return made_from(cls, content, "num", "den")
 
     def __reduce__(self) -> tuple[Any, ...]:
         return TransferFunction.from_dict, (self.to_dict(),)

@@ -21,7 +21,6 @@ from tridentify.errors import (
     OrderError,
     ParameterNameError,
     StaticGainError,
-    StructureError,
     shown,
 )
 from tridentify.record.checks.orders import (
@@ -39,6 +38,7 @@ from tridentify.record.checks.orders import (
     checked_priors,
     is_pair,
 )
+from tridentify.record.checks.values import made_from
 from tridentify.structure.orders import Orders
 
 Choice = bool | Literal["auto"]
@@ -437,16 +437,7 @@ class Structure(Orders):
         >>> Structure.from_dict({"poles": 2, "zeros": 1}).poles
         2
         """
-        try:
-            others = dict(content)
-            return cls(others.pop("poles"), others.pop("zeros"), **others)
-        except (KeyError, TypeError) as error:
-            if isinstance(error, StructureError):
-                raise
-            raise StructureError(
-                f"found the keys {shown(sorted(content), 80)}; expected those of to_dict(), poles "
-                "and zeros at least; restore the file"
-            ) from error
+        return made_from(cls, content, "poles", "zeros")
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Structure.from_dict, (self.to_dict(),)

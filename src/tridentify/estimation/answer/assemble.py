@@ -120,34 +120,18 @@ def assemble(asked: Request, solved: Solved) -> Estimate:
     solved : Solved
     """
     first = asked.records[0]
+    found = {**vars(solved), "trace": solved.trace.told(*asked.told)}
     return Estimate(
-        model=solved.model,
-        structure=solved.structure,
-        theta=solved.theta,
+        **found,
         names=asked.structure.names(first.input_names, first.output_names),
-        cov=solved.cov,
-        noise_variance=solved.noise_variance,
-        fit=solved.fit,
-        status=solved.status,
-        trace=solved.trace.told(*asked.told),
         method=asked.method,
         n_samples=asked.n_samples,
-        nuisance=solved.nuisance,
-        degrees_of_freedom=solved.degrees_of_freedom,
-        cost=solved.cost,
-        aicc=solved.aicc,
-        condition=solved.condition,
-        gradient=solved.gradient,
         input_names=first.input_names,
         output_names=first.output_names,
         units=first._units_of_a_model,
         intersample=first.behaviour,
         dt=asked.dt,
         record_fingerprint=asked.fingerprint,
-        findings=solved.findings,
-        noise_model=solved.noise_model,
-        draws=solved.draws,
-        errors=solved.errors,
         route=asked.route,
     )
 

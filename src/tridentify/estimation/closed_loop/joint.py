@@ -32,17 +32,16 @@ from functools import cached_property
 import numpy as np
 
 from tridentify.estimation.closed_loop.between_samples import Loop
-from tridentify.estimation.closed_loop.linear_errors import slowest, stacked
+from tridentify.estimation.closed_loop.linear_errors import Foreseen, slowest, stacked
 from tridentify.estimation.closed_loop.predictor import (
     Plant,
     Predictor,
-    Signals,
     recorded,
     slopes,
 )
 from tridentify.estimation.closed_loop.unstable import FLOOR, STILL
 from tridentify.estimation.likelihood.problem import FASTEST
-from tridentify.numerics.arrays import Array, Complex, Flags
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.autoregression import (
     Whitener,
 )
@@ -65,27 +64,8 @@ CUTOFF = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
-class Ahead:
-    """One record and a plant: the errors of its predictor, and what makes up for the start.
-
-    Attributes
-    ----------
-    loop : Loop
-    predictor : Predictor
-    signals : Signals
-    errors : (n_samples,) array
-        ``e`` from rest.
-    rest : (n_samples, n + 1 + n_inputs) array
-        Minus the derivatives of ``e`` by initial state, offset and levels of the inputs.
-    seen : (n_samples,) bool array
-    """
-
-    loop: Loop
-    predictor: Predictor
-    signals: Signals
-    errors: Array
-    rest: Array
-    seen: Flags
+class Ahead(Foreseen):
+    """One record and a plant: its start is an initial state, an offset and levels of the inputs."""
 
     @classmethod
     def of(cls, loop: Loop, plant: Plant, edge: float, held: Complex | None) -> Ahead:

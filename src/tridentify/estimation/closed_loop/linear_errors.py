@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -24,7 +23,7 @@ from tridentify.estimation.closed_loop.predictor import (
     recorded,
     slopes,
 )
-from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.arrays import Array, Complex, Flags
 from tridentify.numerics.autoregression import whiten
 
 AS_WELL = 1e4
@@ -40,15 +39,28 @@ ROUNDING = 1e-13
 a plant that runs away all starts look alike."""
 
 
-class _Seen(NamedTuple):
-    """One record's predictor, what drives it, and what is there of its output."""
+@dataclass(frozen=True, eq=False)
+class Foreseen:
+    """One record's predictor, what drives it, and what is there of its output.
+
+    Attributes
+    ----------
+    loop : Loop
+    predictor : Predictor
+    signals : Signals
+    errors : (n_samples,) array
+        ``e`` from rest.
+    rest : (n_samples, k) array
+        Minus the derivatives of ``e`` by what makes up for the start.
+    seen : (n_samples,) bool array
+    """
 
     loop: Loop
     predictor: Predictor
     signals: Signals
-    rest: Array
     errors: Array
-    seen: Array
+    rest: Array
+    seen: Flags
 
     def derivatives(self) -> tuple[Array, Array]:
         """Minus those of the driven part of the errors, and of all of it."""
@@ -93,7 +105,7 @@ class Linear:
     errors: Array
     rest: Array
     count: int
-    records: tuple[_Seen, ...]
+    records: tuple[Foreseen, ...]
     noise: Array
 
     @cached_property
@@ -181,7 +193,7 @@ def linear_errors(
             predictor = Predictor(plant, signals.dt, edge, fed_back, held)
             rest, e = predictor.starts(len(signals.y)), predictor.errors(signals)
             seen = np.isfinite(loop.record.y[:, 0])
-            records.append(_Seen(loop, predictor, signals, rest, e, seen))
+            records.append(Foreseen(loop, predictor, signals, e, rest, seen))
             table = _white(np.column_stack([e, rest]), seen, noise)
             errors.append(table[:, 0])
             own.append(table[:, 1:])
@@ -190,7 +202,7 @@ def linear_errors(
     return Linear(np.concatenate(errors), rest, count, tuple(records), noise)
 
 
-def _white(table: Array, seen: Array, noise: Array) -> Array:
+def _white(table: Array, seen: Flags, noise: Array) -> Array:
     if not noise.size:
         return np.where(seen[:, None], table, 0.0)
     found = [whiten(np.where(seen, column, np.nan), noise)[0] for column in table.T]

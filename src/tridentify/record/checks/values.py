@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, TypeVar
 
-from tridentify.errors import shown
+from tridentify.errors import StructureError, shown
 
 T = TypeVar("T")
 
@@ -44,6 +44,25 @@ def check_keys(document: object, keys: Iterable[str]) -> None:
     wanted = set(keys)
     for key in sorted(set(checked(document, dict)) ^ wanted, key=str)[:1]:
         raise ValueError(f"{'no' if key in wanted else 'an unknown'} part {shown(key)}")
+
+
+def made_from(kind: type[T], content: Mapping[str, Any], *needed: str) -> T:
+    """What ``to_dict`` gave, made again; ``needed`` are the keys that it has at least.
+
+    Raises
+    ------
+    StructureError
+        Keys are missing or unknown, or the values make none.
+    """
+    try:
+        return kind(**{**{key: content[key] for key in needed}, **content})
+    except (KeyError, TypeError) as error:
+        if isinstance(error, StructureError):
+            raise
+        raise StructureError(
+            f"found the keys {shown(sorted(content), 80)}; expected those of to_dict(), "
+            f"{' and '.join(needed)} at least; restore the file"
+        ) from error
 
 
 def whole_number(value: object, most: int = COUNTED) -> int:
