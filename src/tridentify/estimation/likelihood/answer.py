@@ -92,7 +92,8 @@ class Ending:
     @cached_property
     def curvature(self) -> Curvature:
         """Of the likelihood, there."""
-        return replace(Curvature.at(self.point), reacts=self.reacts)
+        found = Curvature.at(self.point)
+        return replace(found, reacts=True) if self.reacts else found
 
     @property
     def aicc(self) -> float:

@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 
 from tridentify.estimation.likelihood.bank import Bank
 from tridentify.estimation.likelihood.held_poles import at_slow_limit, conditions, left_by
-from tridentify.estimation.likelihood.linear_columns import linear_blocks
+from tridentify.estimation.likelihood.linear_columns import free_states, linear_blocks
 from tridentify.estimation.likelihood.linear_fit import Linear, OutputFit
 from tridentify.estimation.likelihood.problem import LEAST_DAMPED, TOO_SLOW, Problem, Variant
 from tridentify.estimation.likelihood.step import (
@@ -395,8 +395,17 @@ class Point:
 
         Not whitened; ``nan`` where a sample is missing.
         """
+        longest = max(e.n_samples for e in self.problem.experiments)
+        short = longest <= LONG and (most is None or most >= longest)
+        return self._every_residual if short else self._left(most)
+
+    def _left(self, most: int | None) -> tuple[Array, ...]:
         pairs = zip(self.problem.experiments, self.outputs(most), strict=True)
         return tuple(experiment.y[:most] - fitted for experiment, fitted in pairs)
+
+    @cached_property
+    def _every_residual(self) -> tuple[Array, ...]:
+        return self._left(None)
 
     def outputs(self, most: int | None = None) -> tuple[Array, ...]:
         """Fitted outputs over time, nuisance terms along, where samples are missing too.
@@ -438,7 +447,7 @@ class Point:
             Of the unknowns, in the order of `jacobian`.
         output : int
         """
-        width, found = self.jacobian()[0].width, []
+        width, found = self.width, []
         for e, experiment in enumerate(self.problem.experiments):
             layout = self.regressions[e].layout
             n = layout.n_signals
@@ -460,6 +469,26 @@ class Point:
             signals = response_of(experiment, self.bank, rows.T, outputs=owners)
             found.append(np.where(np.isnan(experiment.y[:, [output]]), np.nan, signals))
         return tuple(found)
+
+    @cached_property
+    def width(self) -> dict[object, slice]:
+        """Which unknown of `jacobian` stands where."""
+        sizes: dict[object, int] = {}
+        for i, row in enumerate(self.problem.n_zeros):
+            started = free_states(self.branches, i).size
+            for e, regression in enumerate(self.regressions):
+                layout = regression.layout
+                sizes["a"] = self.problem.n_poles
+                if self.problem.n_delays:
+                    sizes["delay"] = self.problem.n_delays
+                sizes |= {(i, ("b", j)): m + 1 for j, m in enumerate(row)}
+                if layout.free:
+                    sizes[i, ("free", e)] = started
+                if layout.offset or layout.drift:
+                    sizes[i, ("nuisance", e, i)] = layout.offset + layout.drift
+        stops = np.cumsum(list(sizes.values())).tolist()
+        pairs = zip(sizes.items(), stops, strict=True)
+        return {key: slice(stop - size, stop) for (key, size), stop in pairs}
 
     def jacobian(self) -> tuple[ColumnBlocks, Array, Array]:
         """Derivatives of all outputs by alpha, free delays, b and every nuisance term.

@@ -344,8 +344,9 @@ def suspicious(view: View, index: int, estimate: Estimate) -> bool:
     found = columns.searched_columns(view, index, estimate)
     e, basis = whitened(output, output.noise, _fitted(output))
     kinds = (*found.late, *found.bends, found.past, found.wave, found.later, found.coming)
-    white = [output.white(one, output.noise) for one in kinds]
-    tests = added_each(e, basis, white, output.count)
+    white = output.white([np.hstack(own) for own in zip(*kinds, strict=True)], output.noise)
+    stops = np.cumsum([one[0].shape[1] for one in kinds])
+    tests = added_each(e, basis, np.split(white, stops[:-1], axis=1), output.count)
     return len(tests) * min(test.p_value for test in tests) < SUSPICIOUS
 
 

@@ -271,7 +271,7 @@ def _response(estimate: Estimate, point: Point, whose: Sequence[int] | None) -> 
         powers = monomials(branch.inner, n)
         for i, j in np.argwhere(branch.channels).tolist():
             den, num = estimate.model.den[i][j], estimate.model.num[i][j]
-            b = np.pad(num, (n + 1 - num.size, 0))
+            b = np.concatenate([np.zeros(n + 1 - num.size), num])
             direct[i, j] = b[0]
             rows[i, j, branch.own] = (b[1:] - b[0] * den[1:])[::-1] @ powers
             for e, own in enumerate(whose or ()):
@@ -340,7 +340,7 @@ def _fitted_start(
 
 def _set_free(point: Point, free: Array, output: int, values: dict[int, float]) -> None:
     """Free responses that were fitted, on the states of the bank."""
-    keys = point.jacobian()[0].width
+    keys = point.width
     started = free_states(point.branches, output)
     for e in range(free.shape[0]):
         place = keys.get((output, ("free", e)))
