@@ -288,8 +288,8 @@ def _nuisance(
     found = []
     for e, record in enumerate(records):
         offset, drift, offset_std, drift_std = np.zeros((4, problem.n_outputs))
-        for i, fit in enumerate(point.fits):
-            values = fit.columns.pick(fit.solution.x, ("nuisance", e, i))
+        for i in range(problem.n_outputs):
+            values = point.terms(("nuisance", e, i), i)
             where = keys.get((i, ("nuisance", e, i)), slice(0, 0))
             std = np.sqrt(np.diag(inverse)[where])
             at = 0

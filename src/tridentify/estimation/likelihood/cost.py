@@ -421,20 +421,19 @@ class Point:
         """
         found = []
         for e, experiment in enumerate(self.problem.experiments):
-            layout, bank = self.regressions[e].layout, self.bank
+            layout, bank = self.triangles.kept, self.bank
             if experiment.n_samples > LONG and len(self.branches) == 1:
                 # the outputs use the poles once
                 bank = self.branches[0].inner
                 layout = replace(layout, order=bank.order)
             rows = np.zeros((self.problem.n_outputs, layout.n_signals))
-            for i, fit in enumerate(self.fits):
+            for i in range(len(self.linear.sizes)):
                 for j in range(layout.n_inputs):
                     rows[i, layout.input_states(j)] = self.response.rows[i, j, : bank.order]
                     rows[i, layout.direct(j)] = self.response.direct[i, j]
                 if layout.free:
                     rows[i, : layout.order] = self.response.free[e, i, : bank.order]
-                terms = fit.columns.pick(fit.solution.x, ("nuisance", e, i))
-                rows[i, layout.nuisance] = terms
+                rows[i, layout.nuisance] = self.terms(("nuisance", e, i), i)
             found.append(response_of(experiment, bank, rows, most))
         return tuple(found)
 
@@ -449,7 +448,7 @@ class Point:
         """
         width, found = self.width, []
         for e, experiment in enumerate(self.problem.experiments):
-            layout = self.regressions[e].layout
+            layout = self.triangles.kept
             n = layout.n_signals
             unit = Regression(
                 layout,
@@ -473,15 +472,14 @@ class Point:
     @cached_property
     def width(self) -> dict[object, slice]:
         """Which unknown of `jacobian` stands where."""
-        sizes: dict[object, int] = {}
+        layout, sizes = self.triangles.kept, dict[object, int]()
+        sizes["a"] = self.problem.n_poles
+        if self.problem.n_delays:
+            sizes["delay"] = self.problem.n_delays
         for i, row in enumerate(self.problem.n_zeros):
+            sizes |= {(i, ("b", j)): m + 1 for j, m in enumerate(row)}
             started = free_states(self.branches, i).size
-            for e, regression in enumerate(self.regressions):
-                layout = regression.layout
-                sizes["a"] = self.problem.n_poles
-                if self.problem.n_delays:
-                    sizes["delay"] = self.problem.n_delays
-                sizes |= {(i, ("b", j)): m + 1 for j, m in enumerate(row)}
+            for e in range(len(self.problem.experiments)):
                 if layout.free:
                     sizes[i, ("free", e)] = started
                 if layout.offset or layout.drift:
@@ -489,6 +487,12 @@ class Point:
         stops = np.cumsum(list(sizes.values())).tolist()
         pairs = zip(sizes.items(), stops, strict=True)
         return {key: slice(stop - size, stop) for (key, size), stop in pairs}
+
+    def terms(self, key: object, output: int) -> Array:
+        """What the linear fit of an output found of one block; empty where there is none."""
+        first, place = self.width[output, ("b", 0)].start, self.width.get((output, key))
+        own = slice(0) if place is None else slice(place.start - first, place.stop - first)
+        return np.asarray(self.linear.solutions[output, own])
 
     def jacobian(self) -> tuple[ColumnBlocks, Array, Array]:
         """Derivatives of all outputs by alpha, free delays, b and every nuisance term.

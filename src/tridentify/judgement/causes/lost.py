@@ -27,7 +27,7 @@ from scipy.special import chdtri
 from tridentify.errors import TridentifyError
 from tridentify.judgement.causes.present import Present
 from tridentify.judgement.causes.rivals import Rival, one
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, filled
 from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.realization import Cascade
 from tridentify.numerics.robust import median_scale
@@ -229,7 +229,7 @@ def jumps(
             own = whiten(np.ascontiguousarray(residual[:, i]), a)[0]
             seen = own[np.isfinite(own)]
             scale = median_scale(seen) if seen.size else 0.0
-            white.append(np.nan_to_num(own) / scale if scale > 0 else np.zeros(own.size))
+            white.append(filled(own) / scale if scale > 0 else np.zeros(own.size))
             size.append(scale)
         if max(size) > 0:
             found += [Place(e, k) for k in _places(np.stack(white, axis=1), templates)]
