@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import cast
 
 import numpy as np
@@ -77,6 +78,24 @@ class Nuisances:
             drift=self.drift,
             initial_state=cast("InitialState", self.initial_state),
         )
+
+
+@lru_cache(maxsize=64)
+def with_terms(
+    poles: int | tuple[tuple[int, ...], ...],
+    zeros: int | tuple[tuple[int, ...], ...],
+    delay: tuple[tuple[float, ...], ...],
+    nuisances: Nuisances,
+) -> Structure:
+    """A structure of stated delays and nuisance terms, without constraints."""
+    return Structure(
+        poles,
+        zeros,
+        delay=delay,
+        offset=nuisances.offset,
+        drift=nuisances.drift,
+        initial_state=cast("InitialState", nuisances.initial_state),
+    )
 
 
 def candidates(records: Sequence[Record], structure: Structure) -> tuple[Nuisances, ...]:

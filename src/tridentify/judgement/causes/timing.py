@@ -276,12 +276,12 @@ def _edge_delays(cost: Array, tried: Array, begins: Array) -> Array:
 def _knots(cost: Array, tried: Array, knots: Array) -> Array:
     """Times at the knots that cost least, each in turn."""
     place = np.arange(cost.shape[0])
-    own = np.zeros(knots.size)
+    own, flat, rows = np.zeros(knots.size), np.ravel(cost), tried.size * place
 
     def of(value: float) -> float:
         own[k] = value
         at = np.rint((np.interp(place, knots, own) - tried[0]) / FINE).astype(int)
-        return float(cost[place, np.minimum(np.maximum(at, 0), tried.size - 1)].sum())
+        return float(np.add.reduce(flat[rows + np.minimum(np.maximum(at, 0), tried.size - 1)]))
 
     wide = tried[:: max(tried.size // 20, 1)]
     for sweep in range(SWEEPS):
