@@ -53,7 +53,7 @@ from tridentify.models.response import (
 )
 from tridentify.numerics.arrays import Array, Complex, Flags
 from tridentify.numerics.kept import cached_property
-from tridentify.numerics.least_squares import Solution, solve
+from tridentify.numerics.least_squares import solve
 from tridentify.numerics.realization import (
     Cascade,
     DegreeBasis,
@@ -195,8 +195,13 @@ def fit_denominators(
     -------
     SeriesParallelFit
     """
-    columns, solution, poles = fitted_poles(regressions, response, filterings, n_zeros, weights)
+    columns, matrix, target = equation_error(regressions, response, filterings, n_zeros, weights)
+    solution = solve(matrix, target)
     owner = {(i, j): one for one in filterings for i, j in np.argwhere(one.channels).tolist()}
+    poles = [
+        _roots(one.filter_bank, one.basis, columns.pick(solution.x, ("a", g)), one.n_poles)
+        for g, one in enumerate(filterings)
+    ]
     b = tuple(
         tuple(
             polynomial(
@@ -208,24 +213,7 @@ def fit_denominators(
         )
         for i, row in enumerate(n_zeros)
     )
-    return SeriesParallelFit(poles, b, solution.cost, solution.condition)
-
-
-def fitted_poles(
-    regressions: Sequence[Regression],
-    response: Response,
-    filterings: Sequence[Filtering],
-    n_zeros: Sequence[Sequence[int]],
-    weights: Array,
-) -> tuple[ColumnBlocks, Solution, Complex]:
-    """As `fit_denominators`: the columns, their weights, and the roots of all ``a``."""
-    columns, matrix, target = equation_error(regressions, response, filterings, n_zeros, weights)
-    solution = solve(matrix, target)
-    poles = [
-        _roots(one.filter_bank, one.basis, columns.pick(solution.x, ("a", g)), one.n_poles)
-        for g, one in enumerate(filterings)
-    ]
-    return columns, solution, np.concatenate(poles)
+    return SeriesParallelFit(np.concatenate(poles), b, solution.cost, solution.condition)
 
 
 def equation_error(

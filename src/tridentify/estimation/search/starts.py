@@ -41,7 +41,7 @@ from tridentify.models.columns import Regression
 from tridentify.models.parallel import ParallelFit, fit_parallel
 from tridentify.models.regression import restricted
 from tridentify.models.response import Response
-from tridentify.models.series_parallel import Filtering, fitted_poles
+from tridentify.models.series_parallel import Filtering, fit_denominators
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.kept import cached_property
 from tridentify.numerics.least_squares import solve, triangle
@@ -160,7 +160,9 @@ class ParallelStart:
             response = Response(response.rows, response.direct, np.zeros_like(response.free))
         together = [[one] for one in filterings] if alone else [filterings]
         weights, zeros = self._weights(), self.problem.n_zeros
-        found = [fitted_poles(regressions, response, some, zeros, weights)[2] for some in together]
+        found = [
+            fit_denominators(regressions, response, some, zeros, weights).poles for some in together
+        ]
         return self.problem.admissible(np.concatenate(found))[0]
 
     def reduced_poles(self) -> Complex | None:
