@@ -33,7 +33,6 @@ from machine import keep
 from poison import MARKS, Nothing, Poisoned, fit_by_hand
 
 from tridentify import Record, Structure, TransferFunction, fleet, simulate
-from tridentify.fleet.attempt import OnRecords
 from tridentify.fleet.job import Item
 from tridentify.fleet.places import Given
 from tridentify.fleet.store import Store
@@ -156,7 +155,7 @@ def by_joblib(units: dict[str, Record], workers: int) -> dict[str, float]:
 
 def task_cost(units: dict[str, Record]) -> float:
     """Milliseconds a record that reading, handing over and accounting take, without any fit."""
-    job = OnRecords(Nothing())
+    job = Nothing()
     items = [Item(key, Given((record,))) for key, record in units.items()]
     with Keeper(Limits(60.0, 1 << 32)) as keeper:
         list(keeper.outcomes(job, items[:10]))

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from rival import fit as by_hand
 
 from tridentify import Estimate, Record, Structure, ThreeModel
+from tridentify.fleet.attempt import RecordJob
 from tridentify.fleet.job import Item
 from tridentify.record.formats.assemble import Wanted
 
@@ -47,7 +48,7 @@ class Poisoned:
 
 
 @dataclass(frozen=True)
-class Nothing:
+class Nothing(RecordJob):
     """A job that does nothing."""
 
     wanted: Wanted = Wanted(["u"], ["y"])  # noqa: RUF009 - frozen

@@ -145,6 +145,21 @@ def test_every_choice_is_fitted_as_its_columns_say(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", CASES)
+def test_unknowns_stand_where_their_columns_do(name: str) -> None:
+    records, structure = CASES[name]
+    question = Question.of(records, structure)
+    poles = -np.linspace(0.7, 3.0, question.base.n_poles).astype(np.complex128)
+    for variant in question.variants:
+        point = evaluate_variant(question.base, variant, poles)
+        assert list(point.width.items()) == list(point.jacobian()[0].width.items())
+        for i, fit in enumerate(point.fits):
+            for key in fit.columns.width:
+                known = fit.columns.pick(fit.solution.x, key)
+                assert np.array_equal(point.terms(key, i), known)
+            assert not point.terms("none", i).size
+
+
+@pytest.mark.parametrize("name", CASES)
 def test_steps_1_and_2_are_those_of_their_own_rooms(name: str) -> None:
     records, structure = CASES[name]
     base = Question.of(records, structure).base

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, TransferFunction, advise, identify, simulate, validate
-from tridentify.judgement.causes.wild_beginning import without_wild_beginning
+from tridentify.judgement.causes.wild_beginning import APART, _far, without_wild_beginning
 
 TRUTH = np.array([3.0, 9.0, 9.0])
 
@@ -52,3 +52,23 @@ def test_an_output_that_follows_a_hammer_at_once_is_none():
     y = simulate(TransferFunction([2.0, 0.0, 0.0], [1.0, 3.0, 9.0]), Record(u, u, dt=0.05))[:, 0]
     assert abs(y[0]) > 3.0 * np.abs(y[1:]).max()
     assert not without_wild_beginning([Record(u, y, dt=0.05)])[1]
+
+
+def test_what_is_not_looked_at_is_not_far():
+    def plainly(y: np.ndarray) -> int:
+        for n in range(min(10, int(0.05 * y.size)), 0, -1):
+            later = y[n:][np.isfinite(y[n:])]
+            low, high = (later.min(), later.max()) if later.size else (0.0, 0.0)
+            far = np.fmax(low - y[:n], y[:n] - high)
+            if later.size and np.isfinite(far[-1]) and np.nanmin(far) > APART * (high - low):
+                return n
+        return 0
+
+    rng, found = np.random.default_rng(0), []
+    for _ in range(2000):
+        y = rng.standard_normal(int(rng.integers(2, 300)))
+        y[: int(rng.integers(0, 12))] += rng.choice([0.0, 5.0, 15.0, 40.0, -40.0])
+        y[rng.random(y.size) < rng.choice([0.0, 0.2, 0.7])] = np.nan
+        found.append(plainly(y))
+        assert _far(y) == found[-1]
+    assert 200 < np.count_nonzero(found) < 1900

@@ -163,7 +163,7 @@ def with_judgement(
             found = ranked([*found, *reference_findings(estimate, seen, records)])
     said = (*told, *still_references(estimate, records))
     trace = replace(estimate.trace, decisions=(*estimate.trace.decisions, *said))
-    return replace(estimate, findings=found, trace=trace, call=as_call(method))
+    return estimate.saying(findings=found, trace=trace, call=as_call(method))
 
 
 def checked_method(method: object) -> Method:

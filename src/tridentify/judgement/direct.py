@@ -23,7 +23,7 @@ from tridentify.estimation.likelihood.question import silently
 from tridentify.estimation.methods.base import Method, Progress
 from tridentify.estimation.methods.explained import explained_records
 from tridentify.estimation.methods.in_loop import NOT_HELD, RESTS_ON_HELD, found_together
-from tridentify.estimation.methods.not_stable import unless_unstable
+from tridentify.estimation.methods.not_stable import may_be_unstable, unless_unstable
 from tridentify.estimation.methods.output_error import OutputError
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.causes.feedback import Inputs, misses
@@ -152,7 +152,7 @@ def not_stable(
     """
     if not isinstance(method, ThreeModel) or method.loss != "squared":
         return None
-    if estimate.route != "open-loop":
+    if estimate.route != "open-loop" or not may_be_unstable(estimate, records, structure):
         return None
     asked = Request.of(records, structure, method.name)
     found = unless_unstable(

@@ -304,8 +304,13 @@ def _drive(
     states = States(signal, a, b, upper=upper if upper <= 1 else q)
     runner = states if impulse is None else states.impulse(impulse)
     block = np.empty((n_inputs * q, min(BLOCK, n_samples)))
+    each = len(channels) > 1 and channels == [(k, k) for k in range(n_inputs)]
     for start in range(0, n_samples, BLOCK):
         stop = min(start + BLOCK, n_samples)
         runner.advance(start, stop, block)
+        if each:
+            own = block[:, : stop - start].reshape(n_inputs, q, -1)
+            result[start:stop] += np.einsum("kq,kqt->tk", c, own)
+            continue
         for (i, j), row in zip(channels, c, strict=True):
             result[start:stop, i] += row @ block[j * q : (j + 1) * q, : stop - start]

@@ -1,4 +1,4 @@
-"""What arrays are called in annotations."""
+"""What arrays are called in annotations, and how one is filled up."""
 
 from __future__ import annotations
 
@@ -11,3 +11,14 @@ Array: TypeAlias = NDArray[np.float64]
 Complex: TypeAlias = NDArray[np.complex128]
 Flags: TypeAlias = NDArray[np.bool_]
 Indices: TypeAlias = NDArray[np.int64]
+
+
+def filled(values: Array) -> Array:
+    """As `numpy.nan_to_num`, but the array itself where all is finite.
+
+    Examples
+    --------
+    >>> filled(np.array([1.0, np.nan])).tolist()
+    [1.0, 0.0]
+    """
+    return values if np.isfinite(values).all() else np.nan_to_num(values)

@@ -38,8 +38,8 @@ def autocorrelation(series: npt.ArrayLike, n_lags: int) -> tuple[Array, int]:
     mean = values[present].mean() if n_present else 0.0
     centred = np.where(present, values - mean, 0.0)
     energy = float(centred @ centred)
-    lags = range(min(n_lags, values.size - 1) + 1)
-    products = np.array([centred[: values.size - k] @ centred[k:] for k in lags])
-    products = np.pad(products, (0, n_lags + 1 - products.size))
+    products = np.zeros(n_lags + 1)
+    for k in range(min(n_lags, values.size - 1) + 1):
+        products[k] = centred[: values.size - k] @ centred[k:]
     correlation: Array = products / energy if energy > 0 else np.zeros(n_lags + 1)
     return correlation, n_present

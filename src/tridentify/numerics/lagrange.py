@@ -146,13 +146,17 @@ def added_each(
     table = explained_each(
         columns, np.ascontiguousarray(basis.T), firsts, (1.0 + ROUNDING) * cutoff
     )
-    found = []
-    for g, (explained, kept) in enumerate(table.tolist()):
-        if kept < 0:
-            some = [one for one in columns[firsts[g] : firsts[g + 1]] if one.any()]
-            explained, kept = _along(np.stack([*some, columns[-1]]).T, cutoff)
-        found.append(_judged(left, int(kept), p, explained, n_samples))
-    return found
+    for g in np.flatnonzero(table[:, 1] < 0.0).tolist():
+        some = [one for one in columns[firsts[g] : firsts[g + 1]] if one.any()]
+        table[g] = _along(np.stack([*some, columns[-1]]).T, cutoff)
+    total = float(left @ left)
+    found = [_judged(total, int(kept), p, part, n_samples) for part, kept in table.tolist()]
+    asked = np.array([(one.dimension, one.freedom, one.statistic) for one in found])
+    chances = fdtrc(*asked.reshape(-1, 3).T)
+    return [
+        one._replace(p_value=p_value) if one.dimension else one
+        for one, p_value in zip(found, chances.tolist(), strict=True)
+    ]
 
 
 def _along(columns: Array, cutoff: float) -> tuple[float, int]:
@@ -190,18 +194,20 @@ def added(residual: Array, basis: Array, extra: Array, n_samples: int) -> Added:
     """
     left = residual - basis @ (basis.T @ residual)
     explained = float(np.sum((extra.T @ left) ** 2))
-    return _judged(left, extra.shape[1], basis.shape[1], explained, n_samples)
-
-
-def _judged(left: Array, k: int, p: int, explained: float, n_samples: int) -> Added:
-    """F of what ``k`` directions explain of a residual that a fit of ``p`` has left."""
-    freedom = n_samples - p - k
     total = float(left @ left)
+    one = _judged(total, extra.shape[1], basis.shape[1], explained, n_samples)
+    chance = float(fdtrc(one.dimension, one.freedom, one.statistic))
+    return one._replace(p_value=chance) if one.dimension else one
+
+
+def _judged(total: float, k: int, p: int, explained: float, n_samples: int) -> Added:
+    """F of what ``k`` directions explain of what a fit of ``p`` has left; not yet its chance."""
+    freedom = n_samples - p - k
     if k == 0 or freedom < 1 or total == 0:
         return Added(0.0, 0, max(freedom, 0), 0.0, 1.0)
     explained = min(explained, total * (1.0 - 1e-15))
     statistic = (explained / k) / ((total - explained) / freedom)
-    return Added(statistic, k, freedom, explained / total, float(fdtrc(k, freedom, statistic)))
+    return Added(statistic, k, freedom, explained / total, 1.0)
 
 
 def holm(p_values: Array, rate: float) -> Flags:

@@ -6,7 +6,7 @@ on a busy machine its spinning costs many times the work itself.
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from functools import cache
 from typing import Any
 
@@ -37,5 +37,8 @@ def one_blas_thread() -> AbstractContextManager[Any]:
     >>> with one_blas_thread():
     ...     pass
     """
-    limit: AbstractContextManager[Any] = _controller().limit(limits=1, user_api="blas")
+    found = _controller()
+    if all(one.num_threads == 1 for one in found.lib_controllers if one.user_api == "blas"):
+        return nullcontext()
+    limit: AbstractContextManager[Any] = found.limit(limits=1, user_api="blas")
     return limit

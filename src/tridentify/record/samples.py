@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Self
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -22,6 +23,9 @@ from tridentify.record.checks.samples import (
     looks_measured,
 )
 from tridentify.record.checks.times import uniform_step
+
+_ON_ITS_TIMES: WeakKeyDictionary[Samples, Any] = WeakKeyDictionary()
+"""Records on the step that their instants have on the mean, as long as these are there."""
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -52,7 +56,8 @@ class Samples:
         """Make a record that differs in fields which are known to be sound, without a copy."""
         record = object.__new__(type(self))
         record._set(**{**self.__dict__, **changes})
-        check_outputs(record.y, record.output_names)
+        if "y" in changes:
+            check_outputs(record.y, record.output_names)
         return record
 
     @property
@@ -72,7 +77,12 @@ class Samples:
 
     def _on_its_times(self, u: Array) -> Self:
         """The same record with another input, and the step that its instants have on the mean."""
-        return self._derive(u=u, dt=uniform_step(self.t))
+        if u is not self.u:
+            return self._derive(u=u, dt=uniform_step(self.t))
+        known = _ON_ITS_TIMES.get(self)
+        if known is None:
+            known = _ON_ITS_TIMES[self] = self._derive(dt=uniform_step(self.t))
+        return known
 
     def __getstate__(self) -> dict[str, object]:
         return {**self.__dict__, "units": dict(self.units)}

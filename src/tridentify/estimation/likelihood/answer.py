@@ -92,7 +92,8 @@ class Ending:
     @cached_property
     def curvature(self) -> Curvature:
         """Of the likelihood, there."""
-        return replace(Curvature.at(self.point), reacts=self.reacts)
+        found = Curvature.at(self.point)
+        return replace(found, reacts=True) if self.reacts else found
 
     @property
     def aicc(self) -> float:
@@ -287,8 +288,8 @@ def _nuisance(
     found = []
     for e, record in enumerate(records):
         offset, drift, offset_std, drift_std = np.zeros((4, problem.n_outputs))
-        for i, fit in enumerate(point.fits):
-            values = fit.columns.pick(fit.solution.x, ("nuisance", e, i))
+        for i in range(problem.n_outputs):
+            values = point.terms(("nuisance", e, i), i)
             where = keys.get((i, ("nuisance", e, i)), slice(0, 0))
             std = np.sqrt(np.diag(inverse)[where])
             at = 0

@@ -204,6 +204,6 @@ def physical_map(point: Point) -> tuple[Array, dict[object, slice]]:
     layout : dict
         Which unknowns stand where.
     """
-    keys = point.jacobian()[0].width
+    keys = point.width
     width = max(place.stop for place in keys.values())
     return physical_transform(point, keys, width), keys

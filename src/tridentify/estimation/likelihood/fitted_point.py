@@ -10,7 +10,7 @@ from typing import Self
 
 import numpy as np
 
-from tridentify.estimation.likelihood.linear_columns import linear_blocks
+from tridentify.estimation.likelihood.linear_columns import free_states, linear_blocks
 from tridentify.estimation.likelihood.linear_fit import Linear, OutputFit
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.estimation.likelihood.triangles import Triangles
@@ -157,8 +157,17 @@ class FittedPoint:
 
         Not whitened; ``nan`` where a sample is missing.
         """
+        longest = max(e.n_samples for e in self.problem.experiments)
+        short = longest <= LONG and (most is None or most >= longest)
+        return self._every_residual if short else self._left(most)
+
+    def _left(self, most: int | None) -> tuple[Array, ...]:
         pairs = zip(self.problem.experiments, self.outputs(most), strict=True)
         return tuple(experiment.y[:most] - fitted for experiment, fitted in pairs)
+
+    @cached_property
+    def _every_residual(self) -> tuple[Array, ...]:
+        return self._left(None)
 
     def outputs(self, most: int | None = None) -> tuple[Array, ...]:
         """Fitted outputs over time, nuisance terms along, where samples are missing too.
@@ -174,20 +183,19 @@ class FittedPoint:
         """
         found = []
         for e, experiment in enumerate(self.problem.experiments):
-            layout, bank = self.regressions[e].layout, self.bank
+            layout, bank = self.triangles.kept, self.bank
             if experiment.n_samples > LONG and len(self.branches) == 1:
                 # the outputs use the poles once
                 bank = self.branches[0].inner
                 layout = replace(layout, order=bank.order)
             rows = np.zeros((self.problem.n_outputs, layout.n_signals))
-            for i, fit in enumerate(self.fits):
+            for i in range(len(self.linear.sizes)):
                 for j in range(layout.n_inputs):
                     rows[i, layout.input_states(j)] = self.response.rows[i, j, : bank.order]
                     rows[i, layout.direct(j)] = self.response.direct[i, j]
                 if layout.free:
                     rows[i, : layout.order] = self.response.free[e, i, : bank.order]
-                terms = fit.columns.pick(fit.solution.x, ("nuisance", e, i))
-                rows[i, layout.nuisance] = terms
+                rows[i, layout.nuisance] = self.terms(("nuisance", e, i), i)
             found.append(response_of(experiment, bank, rows, most))
         return tuple(found)
 
@@ -200,9 +208,9 @@ class FittedPoint:
             Of the unknowns, in the order of `jacobian`.
         output : int
         """
-        width, found = self.jacobian()[0].width, []
+        width, found = self.width, []
         for e, experiment in enumerate(self.problem.experiments):
-            layout = self.regressions[e].layout
+            layout = self.triangles.kept
             n = layout.n_signals
             unit = Regression(
                 layout,
@@ -222,6 +230,31 @@ class FittedPoint:
             signals = response_of(experiment, self.bank, rows.T, outputs=owners)
             found.append(np.where(np.isnan(experiment.y[:, [output]]), np.nan, signals))
         return tuple(found)
+
+    @cached_property
+    def width(self) -> dict[object, slice]:
+        """Which unknown of `jacobian` stands where."""
+        layout, sizes = self.triangles.kept, dict[object, int]()
+        sizes["a"] = self.problem.n_poles
+        if self.problem.n_delays:
+            sizes["delay"] = self.problem.n_delays
+        for i, row in enumerate(self.problem.n_zeros):
+            sizes |= {(i, ("b", j)): m + 1 for j, m in enumerate(row)}
+            started = free_states(self.branches, i).size
+            for e in range(len(self.problem.experiments)):
+                if layout.free:
+                    sizes[i, ("free", e)] = started
+                if layout.offset or layout.drift:
+                    sizes[i, ("nuisance", e, i)] = layout.offset + layout.drift
+        stops = np.cumsum(list(sizes.values())).tolist()
+        pairs = zip(sizes.items(), stops, strict=True)
+        return {key: slice(stop - size, stop) for (key, size), stop in pairs}
+
+    def terms(self, key: object, output: int) -> Array:
+        """What the linear fit of an output found of one block; empty where there is none."""
+        first, place = self.width[output, ("b", 0)].start, self.width.get((output, key))
+        own = slice(0) if place is None else slice(place.start - first, place.stop - first)
+        return np.asarray(self.linear.solutions[output, own])
 
     def jacobian(self) -> tuple[ColumnBlocks, Array, Array]:
         """Derivatives of all outputs by alpha, free delays, b and every nuisance term.

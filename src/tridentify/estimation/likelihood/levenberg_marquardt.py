@@ -148,8 +148,8 @@ def criterion(point: Point, decrease: float = 0.0) -> float:
     """
     problem = point.problem
     n = point.counts
-    fall = np.exp(-decrease / n.sum())
-    likelihood = float(n @ np.log(fall * point.rss / n + ROUNDING_SQUARED * problem.size))
+    left = point.rss if decrease == 0.0 else np.exp(-decrease / n.sum()) * point.rss
+    likelihood = float(n @ np.log(left / n + ROUNDING_SQUARED * problem.size))
     k = problem.n_coefficients + problem.n_nuisance + problem.n_outputs
     return likelihood + aicc_price(float(k), float(n.sum()))
 

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import cast
 
 import numpy as np
@@ -77,6 +78,24 @@ class Nuisances:
             drift=self.drift,
             initial_state=cast("InitialState", self.initial_state),
         )
+
+
+@lru_cache(maxsize=64)
+def with_terms(
+    poles: int | tuple[tuple[int, ...], ...],
+    zeros: int | tuple[tuple[int, ...], ...],
+    delay: tuple[tuple[float, ...], ...],
+    nuisances: Nuisances,
+) -> Structure:
+    """A structure of stated delays and nuisance terms, without constraints."""
+    return Structure(
+        poles,
+        zeros,
+        delay=delay,
+        offset=nuisances.offset,
+        drift=nuisances.drift,
+        initial_state=cast("InitialState", nuisances.initial_state),
+    )
 
 
 def candidates(records: Sequence[Record], structure: Structure) -> tuple[Nuisances, ...]:
@@ -291,14 +310,16 @@ def _check_delays(records: Sequence[Record], structure: Structure) -> None:
     for record in records:
         delays = structure.delay_matrix(record.n_outputs, record.n_inputs)
         longest = float(np.max(delays))
-        if longest and longest >= (1.0 - SLACK) * record.duration:
+        if not longest:
+            continue
+        if longest >= (1.0 - SLACK) * record.duration:
             raise DelayError(
                 f"found a delay of {longest:.6g} s and a record of {record.duration:.6g} s; "
                 "expected a delay shorter than the record, which shows nothing of a later "
                 "response; correct the delay or its unit, or record longer"
             )
         left = np.isfinite(explained(record, structure)).sum(axis=0)
-        if longest and not left.all():
+        if not left.all():
             name = record.output_names[int(np.argmin(left))]
             raise DelayError(
                 f"found no sample of output {name!r} after the delay of {longest:.6g} s; expected "

@@ -51,7 +51,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import dctn
+from scipy.fft import dct
 from scipy.special import ndtri, stdtrit
 
 from tridentify.estimation.likelihood.cost import Point
@@ -234,8 +234,8 @@ def _largest_scatter(
     in_time = _scatter_along(np.vstack(directions), np.vstack(innovations), own)
     if reacts:
         return in_time
-    lines = [dctn(one, axes=(0,), norm="ortho") for one in directions]
-    colours = [dctn(one, axes=(0,), norm="ortho") for one in innovations]
+    lines = [dct(one, axis=0, norm="ortho") for one in directions]
+    colours = [dct(one, axis=0, norm="ortho") for one in innovations]
     sizes = [len(one) for one in directions]
     order = np.argsort(np.concatenate([np.arange(n) / n for n in sizes]), kind="stable")
     in_bands = _scatter_along(np.vstack(lines)[order], np.vstack(colours)[order], own)

@@ -65,14 +65,20 @@ class Triangles:
             # constants go into the columns themselves
             whole, kept = variant.regressions(whole, bank.cascade), None
         layout = whole[0].layout
-        free, nuisance = layout.free, list(range(layout.n_signals)[layout.nuisance])
-        if kept is not None:
-            flags = [kept.offset] * layout.offset + [kept.drift] * layout.drift
-            nuisance = [at for at, has in zip(nuisance, flags, strict=True) if has]
-            free = kept.free
+        last, terms = layout.n_signals - 1, layout if kept is None else kept
+        nuisance = [last - layout.drift] * (layout.offset and terms.offset)
+        nuisance += [last] * (layout.drift and terms.drift)
         stack, which, targets = _stacked(whole)
         columns = np.array(nuisance, dtype=np.int64)
-        return cls(whole, kept, bank, stack, which, targets, layout, free, columns)
+        return cls(whole, kept, bank, stack, which, targets, layout, terms.free, columns)
+
+    @property
+    def kept(self) -> Layout:
+        """Of the columns that count."""
+        all_, own = self.layout, self.variant
+        if own is None:
+            return all_
+        return Layout(all_.order, all_.n_inputs, own.free, own.offset, own.drift)
 
     @cached_property
     def regressions(self) -> tuple[Regression, ...]:

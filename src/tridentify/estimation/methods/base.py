@@ -28,7 +28,7 @@ from tridentify.errors import (
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.likelihood.problem import states_of
 from tridentify.estimation.methods.capability import Capability, refuse_unsupported
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, filled
 from tridentify.record.checks.scales import (
     LARGEST_SIGNAL,
     check_coefficients,
@@ -99,7 +99,7 @@ def check(records: Sequence[Record], structure: Structure, method: str, can: Cap
                 "choose the channel that was excited"
             )
     for i, name in enumerate(first.output_names):
-        if not any(np.any(np.nan_to_num(record.y[:, i])) for record in records):
+        if not any(np.any(filled(record.y[:, i])) for record in records):
             raise ZeroOutputError(
                 f"found output {name!r} zero throughout; expected a response to the input; choose "
                 "another channel"

@@ -75,7 +75,7 @@ def unless_unstable(
     say : callable
         Is told what is going on.
     """
-    if orders_of(asked.records, asked.structure) is None or not _suspicious(found, asked.records):
+    if not may_be_unstable(found, asked.records, asked.structure):
         return found
     reached = without_controller(asked, coloured, say)
     if reached is None:
@@ -97,12 +97,14 @@ def unless_unstable(
     return reached_end if reached_end.fit.min() >= found.fit.min() else found
 
 
-def _suspicious(found: Estimate, records: Sequence[Record]) -> bool:
+def may_be_unstable(found: Estimate, records: Sequence[Record], structure: Structure) -> bool:
     """Whether a stable model looks like the best stand-in for one that is not.
 
     Needless poles are loose, and their posterior mean is no sign of it: a mode that grows is
     replaced by one that hardly decays, whatever else there is.
     """
+    if orders_of(records, structure) is None:
+        return False
     longest = max(record.duration for record in records)
     slowest = float(np.min(np.abs(np.roots(found.model.den[0][0]).real)))
     ended = found.status in (Status.CONVERGED, Status.POSTERIOR_MEAN)

@@ -113,6 +113,8 @@ def referenced(
 
 def having_left_out(estimate: Estimate, said: tuple[Finding, ...]) -> Estimate:
     """An estimate that says what `referenced` left out."""
+    if not said:
+        return estimate
     trace = estimate.trace.told(*(one.message for one in said))
     return replace(estimate, findings=(*said, *estimate.findings), trace=trace)
 

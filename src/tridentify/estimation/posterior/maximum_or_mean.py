@@ -189,7 +189,7 @@ def _is_of(scan: Scan, point: Point) -> bool:
     same = (chosen.free, chosen.offset, chosen.drift) == (e.free, e.offset, e.drift)
     sizes = [[x.n_samples for x in p.experiments] for p in (scan.base, point.problem)]
     whitened = any(a.size for p in (scan.base, point.problem) for a in p.noise)
-    near = np.allclose(scan.poles, point.poles, rtol=1e-3, atol=0.0)
+    near = np.all(np.abs(scan.poles - point.poles) <= 1e-3 * np.abs(point.poles))
     return bool(same and sizes[0] == sizes[1] and not whitened and near)
 
 

@@ -380,15 +380,11 @@ def is_known(point: Point) -> bool:
 
 def explained(point: Point) -> float:
     """Fall of -2 log L from offset and drift alone to the model: little where all is noise."""
-    total = 0.0
-    for i, fit in enumerate(point.fits):
-        target = fit.residual + fit.matrix @ fit.solution.x
-        width = fit.columns.width.items()
-        kept = [at for key, at in width if isinstance(key, tuple) and key[0] == "nuisance"]
-        rest = float(target @ target)
-        if kept:
-            rest = solve(np.hstack([fit.matrix[:, at] for at in kept]), target).cost
-        total += float(point.counts[i] * np.log(max(rest / fit.solution.cost, 1.0)))
+    total, triangles = 0.0, point.triangles
+    for i, cost in enumerate(point.rss.tolist()):
+        own = [(one.signals[i][:, triangles.nuisance], one.targets[i]) for one in triangles.whole]
+        rest = sum(solve(terms, target).cost for terms, target in own)
+        total += float(point.counts[i] * np.log(max(rest / cost, 1.0)))
     return total
 
 

@@ -427,8 +427,8 @@ def _starts(
 
 def _covering(filters: Sequence[Complex]) -> Complex:
     """Poles that hold those of every filter: the longest where they repeat one, else all."""
-    if not filters:
-        return np.zeros(0, dtype=np.complex128)
+    if len(filters) < 2:
+        return filters[0] if filters else np.zeros(0, dtype=np.complex128)
     longest = max(filters, key=len)
     if all(np.array_equal(longest[: own.size], own) for own in filters):
         return longest

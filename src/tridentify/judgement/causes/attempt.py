@@ -226,9 +226,8 @@ def _deviance(point: Point, noise: Sequence[Array]) -> float:
     """``-2 log L``; a residual that is rounding counts as of one size."""
     found = 0.0
     for i in range(point.problem.n_outputs):
-        series = _series(point, i)
         if noise and noise[i].size:
-            found += deviance(series, noise[i])
+            found += deviance(_series(point, i), noise[i])
             continue
         n = float(point.counts[i])
         found += n * float(np.log(point.rss[i] / n + ROUNDING * point.problem.size[i]))

@@ -135,7 +135,7 @@ class Inputs:
     def of(cls, records: Sequence[Record]) -> Inputs:
         """Those of some records, without what is noise of an input's own sensor."""
         own = [
-            np.where(_recorded_noise(record), 0.0, one)
+            np.where(_recorded_noise(record), 0.0, one) if one.any() else one
             for record, one in zip(records, small_surprises(records), strict=True)
         ]
         return cls(tuple(records), tuple(own))
@@ -219,7 +219,7 @@ def reacts(
 def _left_by(point: Point, i: int, inputs: Inputs, within: Within) -> Coming:
     """What inputs to come explain of what an explanation leaves of an output."""
     noise = point.problem.noise[i] if point.problem.noise else np.zeros(0)
-    own = point.sensitivities(np.eye(point.jacobian()[1].shape[1]), i)
+    own = point.sensitivities(np.eye(max(place.stop for place in point.width.values())), i)
     residual = [np.ascontiguousarray(one[:, i]) for one in point.residuals()]
     return coming(residual, own, noise, inputs, within)
 

@@ -22,13 +22,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
-from scipy.linalg import expm
 from scipy.special import chdtri
 
 from tridentify.errors import TridentifyError
 from tridentify.judgement.causes.present import Present
 from tridentify.judgement.causes.rivals import Rival, one
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, filled
 from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.realization import Cascade
 from tridentify.numerics.robust import median_scale
@@ -230,7 +229,7 @@ def jumps(
             own = whiten(np.ascontiguousarray(residual[:, i]), a)[0]
             seen = own[np.isfinite(own)]
             scale = median_scale(seen) if seen.size else 0.0
-            white.append(np.nan_to_num(own) / scale if scale > 0 else np.zeros(own.size))
+            white.append(filled(own) / scale if scale > 0 else np.zeros(own.size))
             size.append(scale)
         if max(size) > 0:
             found += [Place(e, k) for k in _places(np.stack(white, axis=1), templates)]
@@ -239,13 +238,15 @@ def jumps(
 
 def _free_responses(banks: Sequence[Cascade], step: float, most: int) -> Array:
     """(length, n) the responses of every state to an impulse, until they are over."""
+    from tridentify.numerics.kernels.exponentials import discrete
+
     columns = []
     slowest = min(float(np.min(-bank.poles.real)) for bank in banks)
     length = most
     if slowest > 0:
         length = min(most, int(np.ceil(-np.log(FORGOTTEN) / (slowest * step))) + 2)
     for bank in banks:
-        move = expm(bank.a * step)
+        move = discrete(bank.a, bank.b, step, False)[0]
         states = np.empty((length, bank.order))
         states[0] = bank.b
         known = 1
@@ -260,7 +261,9 @@ def _free_responses(banks: Sequence[Cascade], step: float, most: int) -> Array:
 
 def _template(free: Array, a: Array) -> _Template:
     taps = np.concatenate([[1.0], a])
-    columns = np.array([np.convolve(taps, one)[: one.size] for one in free.T]).T
+    columns = free
+    if a.size:
+        columns = np.array([np.convolve(taps, one)[: one.size] for one in free.T]).T
     u, s, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
     return _Template(u[:, s > 1e-6 * s[0]], taps / np.linalg.norm(taps), np.ones(1))
 

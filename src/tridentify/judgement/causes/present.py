@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tridentify.estimation.likelihood.nuisance import Nuisances, build
+from tridentify.estimation.likelihood.nuisance import Nuisances, build, with_terms
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.record.record import Record
@@ -105,14 +105,8 @@ class Present:
 
     def problem(self) -> Problem:
         """What the estimators work on."""
-        structure = Structure(
-            self.order,
-            self.zeros,
-            delay=tuple(map(tuple, self.delay.tolist())),
-            offset=self.nuisances.offset,
-            drift=self.nuisances.drift,
-            initial_state=self.nuisances.initial_state,  # type: ignore[arg-type]
-        )
+        delay = tuple(map(tuple, self.delay.tolist()))
+        structure = with_terms(self.order, self.zeros, delay, self.nuisances)
         problem = build(self.records, structure, self.nuisances)
         return problem.whitened(self.noise) if self.has_noise else problem
 

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any, cast
 
 import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.likelihood.cost import Point, evaluate
-from tridentify.estimation.likelihood.nuisance import Nuisances, build
+from tridentify.estimation.likelihood.nuisance import Nuisances, build, with_terms
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.numerics.arrays import Complex
 from tridentify.numerics.rational import scaled_roots
 from tridentify.numerics.realization import sort_poles
 from tridentify.record.record import Record
-from tridentify.structure import Structure
 
 
 def stated(estimate: Estimate) -> Nuisances:
@@ -40,14 +40,9 @@ def problem_of(estimate: Estimate, records: Sequence[Record], nuisances: Nuisanc
         Whitened by the noise model of the estimate where time is even.
     """
     given = estimate.structure
-    structure = Structure(
-        given.poles,
-        given.zeros,
-        delay=estimate.model.delay.tolist(),
-        offset=nuisances.offset,
-        drift=nuisances.drift,
-        initial_state=nuisances.initial_state,  # type: ignore[arg-type]
-    )
+    poles, zeros = cast("tuple[Any, Any]", (given.poles, given.zeros))
+    delay = tuple(map(tuple, estimate.model.delay.tolist()))
+    structure = with_terms(poles, zeros, delay, nuisances)
     problem = build(records, structure, nuisances)
     if not any(record.dt is None for record in records):
         problem = problem.whitened(estimate.noise_model)

@@ -276,11 +276,12 @@ def _edge_delays(cost: Array, tried: Array, begins: Array) -> Array:
 def _knots(cost: Array, tried: Array, knots: Array) -> Array:
     """Times at the knots that cost least, each in turn."""
     place = np.arange(cost.shape[0])
-    own = np.zeros(knots.size)
+    own, flat, rows = np.zeros(knots.size), np.ravel(cost), tried.size * place
 
-    def of(values: Array) -> float:
-        k = np.rint((np.interp(place, knots, values) - tried[0]) / FINE).astype(int)
-        return float(cost[place, np.clip(k, 0, tried.size - 1)].sum())
+    def of(value: float) -> float:
+        own[k] = value
+        at = np.rint((np.interp(place, knots, own) - tried[0]) / FINE).astype(int)
+        return float(np.add.reduce(flat[rows + np.minimum(np.maximum(at, 0), tried.size - 1)]))
 
     wide = tried[:: max(tried.size // 20, 1)]
     for sweep in range(SWEEPS):
@@ -288,5 +289,5 @@ def _knots(cost: Array, tried: Array, knots: Array) -> Array:
         for k in range(knots.size):
             about = 0.0 if sweep == 0 else own[k]
             every = np.unique(np.append(np.clip(about + near, tried[0], tried[-1]), own[k]))
-            own[k] = min(every, key=lambda v: of(np.where(np.arange(knots.size) == k, v, own)))
+            own[k] = min(every.tolist(), key=of)
     return own

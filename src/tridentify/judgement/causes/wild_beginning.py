@@ -76,6 +76,11 @@ def _finding(record: Record, output: int, n: int, experiment: int | None) -> Fin
 def _far(y: Array) -> int:
     """How many first samples lie far outside all later ones."""
     most = min(MOST_FIRST, int(SHARE_FIRST * y.size))
+    # where none is far from what comes behind all of them, none is from more
+    low, high = np.fmin.reduce(y[most:]), np.fmax.reduce(y[most:])
+    beyond = np.fmax.reduce(np.maximum(low - y[:most], y[:most] - high), initial=-np.inf)
+    if beyond <= APART * (high - low):
+        return 0
     for n in range(most, 0, -1):
         later = y[n:][np.isfinite(y[n:])]
         low, high = (later.min(), later.max()) if later.size else (0.0, 0.0)

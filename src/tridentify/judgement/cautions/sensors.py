@@ -22,7 +22,7 @@ Reference: B. Widrow & I. Kollar, *Quantization Noise*, Cambridge University Pre
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -284,7 +284,15 @@ def _follow(times: Ints, begun: Ints | None, changes: Ints, slack: int = 0) -> b
 
 def _inner(repeated: Runs, y: Array) -> NDArray[np.bool_]:
     """Runs that are neither at the largest nor at the smallest value."""
-    return ~np.isin(repeated.value, (np.fmax.reduce(y), np.fmin.reduce(y)))
+    return ~_one_of(repeated.value, (np.fmax.reduce(y), np.fmin.reduce(y)))
+
+
+def _one_of(values: Array, few: Sequence[float]) -> NDArray[np.bool_]:
+    """As `numpy.isin`, which sorts."""
+    found = np.zeros(values.size, dtype=bool)
+    for one in few:
+        found |= values == one
+    return found
 
 
 def _clipped_input(u: Array, name: str) -> Seen | None:
@@ -294,10 +302,10 @@ def _clipped_input(u: Array, name: str) -> Seen | None:
     """
     repeated = runs(u)
     ends = [end for end in (float(u.max()), float(u.min())) if end != 0.0]
-    at_end = np.isin(repeated.value, ends)
+    at_end = _one_of(repeated.value, ends)
     if int(at_end.sum()) < 2 or np.any(~at_end) or repeated.length.max() < 3:
         return None
-    free = ~np.isin(u, ends)
+    free = ~_one_of(u, ends)
     inner = free[1:-1] & free[2:] & free[:-2]
     if inner.sum() < 20:
         return None
@@ -306,7 +314,7 @@ def _clipped_input(u: Array, name: str) -> Seen | None:
     if not turning > TURNING:
         return None
     count = int(repeated.length[at_end].sum())
-    places = np.flatnonzero(np.isin(u, ends))
+    places = np.flatnonzero(~free)
     at = " and ".join(f"{end:.6g}" for end in reversed(ends))
     return Seen(
         "saturation",

@@ -143,8 +143,9 @@ def without_spikes(y: Array) -> Array:
         gaps = np.flatnonzero(np.diff(far) > step)
         if gaps.size and step > 0.0:
             spiked |= side * y > far[gaps[0]]
-    together = runs(np.where(spiked, 1.0, np.nan))
-    if not spiked.any() or together.length.max(initial=0) > LONGEST_SPIKE:
+    if not spiked.any():
+        return y
+    if runs(np.where(spiked, 1.0, np.nan)).length.max(initial=0) > LONGEST_SPIKE:
         return y
     return np.where(spiked, np.nan, y)
 
@@ -168,6 +169,8 @@ def hanging(
     name : str
         Of the output, and where it is.
     """
+    if repeated.length.max(initial=0) < FEWEST_HANGING:
+        return None
     ends = (np.fmax.reduce(y), np.fmin.reduce(y))
     seen = np.isfinite(y)
     pairs = max(int((seen[1:] & seen[:-1]).sum()), 1)
@@ -278,6 +281,8 @@ def _at_rest(y: Array, u: Array, first: int, length: int) -> bool:
 
 def repeating(y: Array, u: Array, q: float, f: Array, repeated: Runs, name: str) -> Seen | None:
     """Runs of one value that the signal enters and leaves at a jump; parameters as of `hanging`."""
+    if repeated.length.size < FEWEST_REPEATS:
+        return None
     span = float(np.fmax.reduce(y) - np.fmin.reduce(y))
     limits = np.isin(repeated.value, (np.fmax.reduce(y), np.fmin.reduce(y))) & (repeated.length > 2)
     own = ~limits & _jumps(y, repeated, JUMP * span)

@@ -30,7 +30,7 @@ from tridentify.judgement.causes.inner_states import gripping, inner_states, tur
 from tridentify.judgement.causes.saturation import following
 from tridentify.judgement.validation.residuals import View
 from tridentify.models.simulate import simulate_each
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, filled
 from tridentify.numerics.quantiles import quantiles
 from tridentify.record.record import Record
 
@@ -89,7 +89,7 @@ def bends(view: View, output: int, estimate: Estimate) -> list[Columns]:
         Per kind, one array per experiment.
     """
     records = view.records
-    fitted = [np.nan_to_num(one) for one in view.outputs[output].fitted]
+    fitted = [filled(one) for one in view.outputs[output].fitted]
     shapes = _scaled(fitted)
     den = estimate.model.den[output][0]
     inner = Channel(np.array([den[-1] or 1.0]), den, 0.0)
@@ -144,7 +144,7 @@ def late(view: View, output: int, estimate: Estimate) -> list[Columns]:
     """
     shortest = min(record.n_samples for record in view.records)
     few, many = ([k for k in one if k * LEAST_LEFT <= shortest] for one in (FEW_SHIFTS, SHIFTS))
-    fitted = [np.nan_to_num(one) for one in view.outputs[output].fitted]
+    fitted = [filled(one) for one in view.outputs[output].fitted]
     found = [tuple(_later(one, shifts) for one in fitted) for shifts in (few, many)]
     n_inputs = view.records[0].n_inputs
     if n_inputs == 1:

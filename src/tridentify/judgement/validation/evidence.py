@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
@@ -344,8 +344,9 @@ def suspicious(view: View, index: int, estimate: Estimate) -> bool:
     found = columns.searched_columns(view, index, estimate)
     e, basis = whitened(output, output.noise, _fitted(output))
     kinds = (*found.late, *found.bends, found.past, found.wave, found.later, found.coming)
-    white = [output.white(one, output.noise) for one in kinds]
-    tests = added_each(e, basis, white, output.count)
+    white = output.white([np.hstack(own) for own in zip(*kinds, strict=True)], output.noise)
+    ends = [0, *accumulate(one[0].shape[1] for one in kinds)]
+    tests = added_each(e, basis, [white[:, a:b] for a, b in pairwise(ends)], output.count)
     return len(tests) * min(test.p_value for test in tests) < SUSPICIOUS
 
 

@@ -33,7 +33,7 @@ from tridentify.judgement.causes.first_samples import Predictions, beginning
 from tridentify.judgement.causes.revisit import point_of, stated
 from tridentify.models.response import Response
 from tridentify.models.simulate import simulate
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, filled
 from tridentify.numerics.autoregression import whiten_columns
 from tridentify.numerics.information import aicc_price
 from tridentify.numerics.kept import cached_property
@@ -90,7 +90,7 @@ class Output:
     @property
     def is_rounding(self) -> bool:
         """Whether the residual is no more than rounding."""
-        size = max(float(np.nanmax(np.abs(one))) for one in self.y)
+        size = max(float(np.fmax.reduce(np.abs(one))) for one in self.y)
         joined = np.concatenate(self.residual)
         left = joined[~np.isnan(joined)]
         return not (left.size and np.sqrt(left @ left / left.size) > ROUNDING * size)
@@ -271,7 +271,7 @@ def _response(estimate: Estimate, point: Point, whose: Sequence[int] | None) -> 
         powers = monomials(branch.inner, n)
         for i, j in np.argwhere(branch.channels).tolist():
             den, num = estimate.model.den[i][j], estimate.model.num[i][j]
-            b = np.pad(num, (n + 1 - num.size, 0))
+            b = np.concatenate([np.zeros(n + 1 - num.size), num])
             direct[i, j] = b[0]
             rows[i, j, branch.own] = (b[1:] - b[0] * den[1:])[::-1] @ powers
             for e, own in enumerate(whose or ()):
@@ -298,7 +298,7 @@ def _nuisance_columns(
     columns: Sequence[Array], ours: NDArray[np.bool_]
 ) -> tuple[tuple[Array, ...], NDArray[np.intp]]:
     """Those by nuisance terms that move this output at all, and which they are."""
-    whole = [np.nan_to_num(one) for one in columns]
+    whole = [filled(one) for one in columns]
     kept = np.flatnonzero(~ours & np.any([one.any(axis=0) for one in whole], axis=0))
     return tuple(one[:, kept] for one in whole), kept
 
@@ -340,7 +340,7 @@ def _fitted_start(
 
 def _set_free(point: Point, free: Array, output: int, values: dict[int, float]) -> None:
     """Free responses that were fitted, on the states of the bank."""
-    keys = point.jacobian()[0].width
+    keys = point.width
     started = free_states(point.branches, output)
     for e in range(free.shape[0]):
         place = keys.get((output, ("free", e)))
@@ -399,7 +399,7 @@ def _outputs(
         scale = np.abs(physical[:, ours]).max(axis=1, keepdims=True)
         scale = np.where(scale > 0, scale, 1.0)
         moved = np.linalg.solve(physical[:, ours] / scale, root / scale)
-        own = tuple(np.nan_to_num(one[:, ours]) @ moved for one in columns)
+        own = tuple(filled(one[:, ours]) @ moved for one in columns)
         terms = _nuisance_columns(columns, ours)[0]
         left = tuple(
             np.where(np.isfinite(e.y[:, i]), one[:, i], np.nan)

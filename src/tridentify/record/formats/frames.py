@@ -50,7 +50,7 @@ class FrameTable(SampledFile):
         self.path = path
         self.frame = frame
         self._names = [name for name in frame.columns if isinstance(name, str)]
-        kinds = frame.schema
+        self._kinds = kinds = frame.schema
         self.channels = tuple(
             frame_channel(name, kinds[name].is_temporal() or self._is_dated(name), len(frame))
             for name in self._names
@@ -72,7 +72,7 @@ class FrameTable(SampledFile):
         """Whether a column of text begins with a date or a time of day."""
         import narwhals as nw
 
-        if self.frame.schema[name] != nw.String:
+        if self._kinds[name] != nw.String:
             return False
         first = self.frame.get_column(name).drop_nulls().head(1).to_list()
         return bool(first) and read_moment(first[0]) is not None
@@ -92,8 +92,7 @@ class FrameTable(SampledFile):
     def _floats(self, name: str) -> Array:
         import narwhals as nw
 
-        column = self.frame.get_column(name)
-        kind = column.dtype
+        column, kind = self.frame.get_column(name), self._kinds[name]
         if isinstance(kind, nw.Duration):
             return _seconds(column.dt.total_nanoseconds(), from_first=False)
         if isinstance(kind, nw.Datetime | nw.Date):
@@ -129,7 +128,7 @@ def frame_channel(name: str, temporal: bool, samples: int) -> Channel:
 def _float_array(column: nw.Series[Any]) -> Array:
     import narwhals as nw
 
-    floats = column.cast(nw.Float64)
+    floats = column if column.dtype == nw.Float64 else column.cast(nw.Float64)
     values = floats.fill_null(float("nan")) if floats.null_count() else floats
     return np.asarray(values.to_numpy(), dtype=np.float64)
 
