@@ -17,7 +17,12 @@ from tridentify.estimation.closed_loop.noise_driven import colour
 from tridentify.estimation.methods.output_error import OutputError
 from tridentify.estimation.methods.passes import apart, model_like, root, without_rest
 from tridentify.estimation.methods.reference import Loop
-from tridentify.estimation.methods.returned_errors import returned, with_returned_errors
+from tridentify.estimation.methods.returned_errors import (
+    _no_less,
+    _sparing,
+    returned,
+    with_returned_errors,
+)
 
 N, DT = 800, 0.1
 CHANNEL = ([1.0, 1.0], [1.0, 0.5, 1.0])
@@ -203,3 +208,35 @@ def test_errors_reach_the_truth_in_loops_that_are_fast_for_their_samples():
         z.extend((found.theta - drawn.theta) / found.std)
     assert np.mean(np.abs(z) < 2.5) > 0.65
     assert np.mean(np.abs(z) < 5.0) > 0.85
+
+
+def short(seed: int, excitation: str, **wanted: float) -> tuple[loops.Drawn, Record]:
+    """A short record of a stable plant with a continuous controller, and what moves it."""
+    drawn = loops.draw(
+        seed,
+        n=200,
+        excitation=excitation,
+        of=lambda law, kind: not law.sampled and kind != "LQG",
+        keep=lambda one: bool(one.poles.real.max() < -0.05) and bool(np.ptp(moves(one)) > 0),
+        **wanted,
+    )
+    seen = drawn.record
+    return drawn, Record(seen.u, seen.y, dt=seen.dt, reference=moves(drawn))
+
+
+def moves(drawn: loops.Drawn) -> np.ndarray:
+    return drawn.reference + drawn.dither
+
+
+def test_orders_of_noise_that_chance_chose_make_no_error_smaller():
+    rng = np.random.default_rng(9)
+    noise = np.zeros((400, 1))
+    for k in range(1, 400):
+        noise[k] = 0.7 * noise[k - 1] + rng.standard_normal(1)
+    assert _sparing(noise, (np.array([-0.7]),)) is None
+    far = np.concatenate([[-0.7], np.zeros(11)])
+    far[-1] = 0.1
+    response = _sparing(noise, (far,))
+    np.testing.assert_allclose(response[:3, 0, 0], [1.0, 0.7, 0.49], atol=0.1)
+    tall, low = np.array([[4.0, 1.0], [1.0, 1.0]]), np.diag([1.0, 9.0])
+    np.testing.assert_allclose(_no_less(tall, low), [[4.0, 3.0], [3.0, 9.0]])
