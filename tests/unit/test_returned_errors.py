@@ -210,24 +210,6 @@ def test_errors_reach_the_truth_in_loops_that_are_fast_for_their_samples():
     assert np.mean(np.abs(z) < 5.0) > 0.85
 
 
-def short(seed: int, excitation: str, **wanted: float) -> tuple[loops.Drawn, Record]:
-    """A short record of a stable plant with a continuous controller, and what moves it."""
-    drawn = loops.draw(
-        seed,
-        n=200,
-        excitation=excitation,
-        of=lambda law, kind: not law.sampled and kind != "LQG",
-        keep=lambda one: bool(one.poles.real.max() < -0.05) and bool(np.ptp(moves(one)) > 0),
-        **wanted,
-    )
-    seen = drawn.record
-    return drawn, Record(seen.u, seen.y, dt=seen.dt, reference=moves(drawn))
-
-
-def moves(drawn: loops.Drawn) -> np.ndarray:
-    return drawn.reference + drawn.dither
-
-
 def test_orders_of_noise_that_chance_chose_make_no_error_smaller():
     rng = np.random.default_rng(9)
     noise = np.zeros((400, 1))
@@ -240,3 +222,17 @@ def test_orders_of_noise_that_chance_chose_make_no_error_smaller():
     np.testing.assert_allclose(response[:3, 0, 0], [1.0, 0.7, 0.49], atol=0.1)
     tall, low = np.array([[4.0, 1.0], [1.0, 1.0]]), np.diag([1.0, 9.0])
     np.testing.assert_allclose(_no_less(tall, low), [[4.0, 3.0], [3.0, 9.0]])
+
+
+def test_an_end_whose_errors_follow_the_reference_gives_way_to_a_stable_plant():
+    """A slow pole ends to the right of zero; the plant that is stable explains what that misses."""
+    theta, rng, dt = np.array([1.8, 1.0, 0.175, 0.28, 0.45]), np.random.default_rng(12), 0.48
+    moved = np.repeat(rng.standard_normal(100), 2)
+    noise = np.repeat(0.045 * rng.standard_normal(200), loops.FINE)
+    plant, law = loops.System.of(theta[3:], np.r_[1.0, theta[:3]]), loops.System.of([5.7], [1.0])
+    held = loops.Controller(law, False)
+    u, y = loops.run(plant, held, np.zeros((200, 1)), noise[:, None], moved[:, None], dt)
+    record = Record(u, y, dt=dt, reference=moved)
+    found = ThreeModel(controller="continuous", noise="white").estimate([record], Structure(3, 1))
+    assert found.model.is_stable
+    assert np.max(np.abs(found.theta - theta) / found.std) < 2.0

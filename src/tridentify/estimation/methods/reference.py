@@ -70,6 +70,7 @@ from tridentify.estimation.methods.controller_kind import (
     assumed,
     coarse_findings,
     compared,
+    driving_findings,
     following_findings,
     opposite,
 )
@@ -142,8 +143,8 @@ def reference_estimate(
     taken = assumed(controller, asked.records, asked.structure)
     kind = "sampled" if exactly else taken.sampling
     parts = [driven(record, between=kind == "continuous") for record in asked.records]
-    apart = not together_findings(asked.records)
-    if apart and not only_stable and (coloured is not None or not robust):
+    loop = (*together_findings(asked.records), *driving_findings(parts))
+    if not loop and not only_stable and (coloured is not None or not robust):
         unstable = unstable_estimate(parts, kind, asked, coloured is not None, say)
         if unstable is not None:
             again = partial(reference_estimate, asked, controller, plain, near, coloured, say)
@@ -174,7 +175,7 @@ def reference_estimate(
         given = by_likelihood(found, how, coloured is not None, say)
         told = told if how is not None and not how.explains else given.told
         found, findings = given.rooted, (*findings, *given.findings)
-    return completed(asked, found, told, findings=(*together_findings(asked.records), *findings))
+    return completed(asked, found, told, findings=(*loop, *findings))
 
 
 def _hanging(far: float) -> tuple[Finding, ...]:
