@@ -31,6 +31,10 @@ lowest AICc is 0 or 1, and the errors 0.6 to 0.9 times what they should be. But 
 where the driven input was found apart from white noise (`closed_loop.noise_driven.colour`), and
 ``S`` is what the model of the noise leaves of it. Scores that the fit found scattered have seen it.
 
+An order of lowest AICc may also be chance's: in three of 54 loops with 200 samples and noise of the
+first order it was 12 or more, and errors half of what they should be. No error is smaller than with
+the ``S`` that such a model leaves of noise of the order of least BIC (Schwarz 1978).
+
 What the reference drives is known at the samples. Between them it is what the operators make of it,
 and in a loop that is fast beside its samples they may make something else. Descriptions of other
 rates through the same samples (`driven.described_otherwise`) move the coefficients by
@@ -38,7 +42,7 @@ rates through the same samples (`driven.described_otherwise`) move the coefficie
 more in fast ones, and the truth is about as far off. These moves join the covariance.
 
 References: T. Soderstrom & P. Stoica, *Instrumental Variable Methods for System Identification*
-(1983), on the covariance of a root.
+(1983), on the covariance of a root. G. Schwarz, Annals of Statistics 6 (1978) 461-464.
 """
 
 from __future__ import annotations
