@@ -17,7 +17,12 @@ from tridentify.estimation.closed_loop.noise_driven import colour
 from tridentify.estimation.methods.output_error import OutputError
 from tridentify.estimation.methods.passes import apart, model_like, root, without_rest
 from tridentify.estimation.methods.reference import Loop
-from tridentify.estimation.methods.returned_errors import returned, with_returned_errors
+from tridentify.estimation.methods.returned_errors import (
+    _no_less,
+    _sparing,
+    returned,
+    with_returned_errors,
+)
 
 N, DT = 800, 0.1
 CHANNEL = ([1.0, 1.0], [1.0, 0.5, 1.0])
@@ -203,3 +208,31 @@ def test_errors_reach_the_truth_in_loops_that_are_fast_for_their_samples():
         z.extend((found.theta - drawn.theta) / found.std)
     assert np.mean(np.abs(z) < 2.5) > 0.65
     assert np.mean(np.abs(z) < 5.0) > 0.85
+
+
+def test_orders_of_noise_that_chance_chose_make_no_error_smaller():
+    rng = np.random.default_rng(9)
+    noise = np.zeros((400, 1))
+    for k in range(1, 400):
+        noise[k] = 0.7 * noise[k - 1] + rng.standard_normal(1)
+    assert _sparing(noise, (np.array([-0.7]),)) is None
+    far = np.concatenate([[-0.7], np.zeros(11)])
+    far[-1] = 0.1
+    response = _sparing(noise, (far,))
+    np.testing.assert_allclose(response[:3, 0, 0], [1.0, 0.7, 0.49], atol=0.1)
+    tall, low = np.array([[4.0, 1.0], [1.0, 1.0]]), np.diag([1.0, 9.0])
+    np.testing.assert_allclose(_no_less(tall, low), [[4.0, 3.0], [3.0, 9.0]])
+
+
+def test_an_end_whose_errors_follow_the_reference_gives_way_to_a_stable_plant():
+    """A slow pole ends to the right of zero; the plant that is stable explains what that misses."""
+    theta, rng, dt = np.array([1.8, 1.0, 0.175, 0.28, 0.45]), np.random.default_rng(12), 0.48
+    moved = np.repeat(rng.standard_normal(100), 2)
+    noise = np.repeat(0.045 * rng.standard_normal(200), loops.FINE)
+    plant, law = loops.System.of(theta[3:], np.r_[1.0, theta[:3]]), loops.System.of([5.7], [1.0])
+    held = loops.Controller(law, False)
+    u, y = loops.run(plant, held, np.zeros((200, 1)), noise[:, None], moved[:, None], dt)
+    record = Record(u, y, dt=dt, reference=moved)
+    found = ThreeModel(controller="continuous", noise="white").estimate([record], Structure(3, 1))
+    assert found.model.is_stable
+    assert np.max(np.abs(found.theta - theta) / found.std) < 2.0

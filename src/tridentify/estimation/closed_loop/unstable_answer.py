@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import chdtri
 
 from tridentify.estimation.answer.assemble import Request, Solved, assemble
 from tridentify.estimation.answer.estimate import Estimate
@@ -15,7 +16,12 @@ from tridentify.estimation.answer.trace import Status, Trace
 from tridentify.estimation.closed_loop.as_recorded import AsRecorded
 from tridentify.estimation.closed_loop.between_samples import IN_WORDS, Loop, Sampling
 from tridentify.estimation.closed_loop.driven import Driven, described_otherwise, driven
-from tridentify.estimation.closed_loop.linear_errors import slowest
+from tridentify.estimation.closed_loop.linear_errors import (
+    driven_basis,
+    linear_errors,
+    merit,
+    slowest,
+)
 from tridentify.estimation.closed_loop.noise_driven import beside_noise
 from tridentify.estimation.closed_loop.predictor import Predictor
 from tridentify.estimation.closed_loop.unstable import Found, autoregressive, root, with_fall
@@ -31,6 +37,8 @@ AS_LIKELY = 10.0
 are all-pass of each other, and differ at the ends of the record alone."""
 ROUNDING = 1e-9
 """Share of the output below which an error is none."""
+MISSED = 1e-4
+"""p-value of what the references explain of the errors, from which another end is looked for."""
 MORE_ROUNDS = 4
 """Fits of the driven input beside the noise that the model leaves: more than of a stable plant, as
 the input is more noise than response."""
@@ -42,8 +50,11 @@ def unstable_estimate(
     asked: Request,
     coloured: bool,
     say: Callable[[str], None],
-) -> Estimate | None:
-    """The estimate of a plant with a pole at zero or to the right of it; None for any other."""
+) -> tuple[Estimate, bool] | None:
+    """The estimate of a plant with a pole at zero or to the right of it; None for any other.
+
+    And whether what it leaves follows the references, as of an end that is none of the plant.
+    """
     orders = orders_of(asked.records, asked.structure)
     if orders is None:
         return None
@@ -81,7 +92,23 @@ def unstable_estimate(
         grown = replace(grown, cov=grown.cov + spread)
     best = grown
     found = estimate_of(asked, loops, best, (f"controller taken as {IN_WORDS[kind]}",))
-    return replace(found, route="reference")
+    return replace(found, route="reference"), _follows(loops, best)
+
+
+def _follows(loops: Sequence[Loop], best: Found) -> bool:
+    """Whether the references explain more of the errors at a root than chance does."""
+    basis = driven_basis(loops, best.noise)
+    if basis is None:
+        return False
+    size = merit(linear_errors(loops, best.plant, best.noise), basis) / best.variance
+    return size > float(chdtri(max(basis.shape[1] - best.plant.theta.size, 1), MISSED))
+
+
+def leaves_more(found: Estimate, other: Estimate) -> bool:
+    """Whether a plant that is not stable leaves clearly more of the output than a stable one."""
+    left, less = (100.0 - float(one.fit[0]) for one in (found, other))
+    worse = found.n_samples * 2.0 * float(np.log(left / less)) if less > 0.0 else np.inf
+    return other.status is Status.CONVERGED and worse > AS_LIKELY
 
 
 def _spread_between(

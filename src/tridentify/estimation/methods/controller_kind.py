@@ -47,6 +47,9 @@ matter: it adds 2 % to the error."""
 APART = 3.0
 """Difference of the coefficients under either kind [stated standard errors] from which the answer
 is wrong beyond its interval if the kind is, so that one that was only assumed is warned of."""
+DRIVEN = 10.0
+"""Times chance that references explain of an input beside what they leave, from which they drive
+it: sines do 67 and more (101 random loops), three in four references that drive nothing less."""
 MISSED = 1e-3
 """Probability of taking noise for what is left of the response."""
 
@@ -146,7 +149,9 @@ def compared(mine: Rooted, other: Rooted, why: str = "") -> Compared:
     kind = other.loops[0].sampling
     words, rival = IN_WORDS[mine.loops[0].sampling], IN_WORDS[kind]
     basis = _wider(mine, other)
-    own, beside = (one.excess for one in (_followed(mine, basis), _followed(other, basis)))
+    own, beside = (
+        _followed(residuals(one.loops, one.estimate), basis).excess for one in (mine, other)
+    )
     plainly = PLAINLY * sum(int(np.isfinite(one.record.y).sum()) for one in mine.loops)
     if other.still and (own - beside > plainly or not mine.still):
         against = (
@@ -195,15 +200,42 @@ def _widest(loop: Loop) -> Driven:
     return widest(part.record, part.rate, part.before)
 
 
-def _followed(found: Rooted, basis: Sequence[Array]) -> _Following:
-    """What follows the references in the residual, whitened output by output."""
+def driving_findings(parts: Sequence[Driven]) -> tuple[Finding, ...]:
+    """What is to be said of references that drive no input.
+
+    Parameters
+    ----------
+    parts : sequence of Driven
+        Per experiment.
+    """
+    inputs, columns = [np.asarray(one.record.u) for one in parts], [one.columns for one in parts]
+    # whitening by itself takes sines out of an input, and its rest holds what chance has fitted
+    own = _followed(inputs, columns)
+    beside = _followed(inputs, columns, [one.record.u - one.inputs for one in parts])
+    if not own.freedom or not own.is_chance or beside.size > DRIVEN * beside.freedom:
+        return ()
+    return (
+        Finding(
+            "loop-not-excited",
+            "warning",
+            f"The reference ({', '.join(parts[0].record.reference_names)}) explains no more of the "
+            "input than chance does: it drives nothing, and what is found from it means nothing.",
+            "Check that it is what the controller followed, on the same clock; or leave it out.",
+        ),
+    )
+
+
+def _followed(
+    signals: Sequence[Array], basis: Sequence[Array], noises: Sequence[Array] | None = None
+) -> _Following:
+    """What follows the references in some signals, whitened one by one as their noises are."""
     size, freedom = 0.0, 0
-    for left, columns in zip(residuals(found.loops, found.estimate), basis, strict=True):
-        for series in left.T:
+    for left, columns, quiet in zip(signals, basis, noises or signals, strict=True):
+        for series, own in zip(left.T, quiet.T, strict=True):
             seen = np.isfinite(series)
             if seen.sum() < 2 * columns.shape[1]:
                 continue
-            noise = fit_autoregression([series - np.mean(series[seen])], MOST_NOISE)
+            noise = fit_autoregression([own - np.mean(own[seen])], MOST_NOISE)
             table = np.column_stack([columns, series]).T
             white = np.column_stack(
                 [whiten(np.where(seen, one, np.nan), noise)[0] for one in table]
@@ -265,7 +297,8 @@ def following_findings(white: Rooted) -> tuple[Finding, ...]:
     """
     if white.loops[0].sampling == "sampled":
         return ()
-    left = _followed(white, [_widest(one).columns for one in white.loops])
+    basis = [_widest(one).columns for one in white.loops]
+    left = _followed(residuals(white.loops, white.estimate), basis)
     if left.is_chance:
         return ()
     return (

@@ -42,6 +42,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -59,7 +60,7 @@ from tridentify.estimation.closed_loop.known_controller import (
 )
 from tridentify.estimation.closed_loop.moving import together_findings
 from tridentify.estimation.closed_loop.recorded_input import Worked
-from tridentify.estimation.closed_loop.unstable_answer import unstable_estimate
+from tridentify.estimation.closed_loop.unstable_answer import leaves_more, unstable_estimate
 from tridentify.estimation.likelihood.answer import widened_by
 from tridentify.estimation.likelihood.noise_model import STILL as NOISE_STILL
 from tridentify.estimation.methods.along_axis import with_fall
@@ -69,6 +70,7 @@ from tridentify.estimation.methods.controller_kind import (
     assumed,
     coarse_findings,
     compared,
+    driving_findings,
     following_findings,
     opposite,
 )
@@ -90,8 +92,8 @@ WORSE = 0.05
 """Share by which a better known driven input may raise the mean square of what is left: it takes
 nothing that is noise, and what it takes of the response shows at once."""
 BETWEEN = "the loop is fast for its samples: what lies between them makes errors up to"
-NOTABLE = 1.2
-"""Times that errors grow for that, from which it is told."""
+NOTABLE, HANGS = 1.2, 3.0
+"""Times that errors grow for that, from which it is told, and from which the answer hangs on it."""
 MOST_BESIDE = 12
 """Passes of such a fit: it begins near its end, and runs about where hardly any noise is left."""
 
@@ -105,6 +107,7 @@ def reference_estimate(
     say: Callable[[str], None],
     *,
     robust: bool = False,
+    only_stable: bool = False,
 ) -> Estimate:
     """The estimate by the reference route.
 
@@ -124,6 +127,8 @@ def reference_estimate(
         Is told what is going on.
     robust : bool
         Whether ``near`` minimises another loss than squares.
+    only_stable : bool
+        Whether the plant counts as stable.
 
     Returns
     -------
@@ -138,11 +143,12 @@ def reference_estimate(
     taken = assumed(controller, asked.records, asked.structure)
     kind = "sampled" if exactly else taken.sampling
     parts = [driven(record, between=kind == "continuous") for record in asked.records]
-    apart = not together_findings(asked.records)
-    if apart and (coloured is not None or not robust):
+    loop = (*together_findings(asked.records), *driving_findings(parts))
+    if not loop and not only_stable and (coloured is not None or not robust):
         unstable = unstable_estimate(parts, kind, asked, coloured is not None, say)
         if unstable is not None:
-            return unstable
+            again = partial(reference_estimate, asked, controller, plain, near, coloured, say)
+            return _or_stable(*unstable, partial(again, robust=robust, only_stable=True))
     found = _white(parts, kind, asked.structure, plain, near, say, again=known is None)
     told, how = f"controller taken as {IN_WORDS[kind]}{taken.why}", rule
     findings: tuple[Finding, ...] = ()
@@ -163,12 +169,37 @@ def reference_estimate(
     told = f"{told}; {wider}" if wider else told
     found, far = _reaching(found, moves_between(found))
     told = f"{told}; {BETWEEN} {far:.1f} times as large" if far > NOTABLE else told
+    findings = (*findings, *_hanging(far))
     found = found if moved is None else _reaching(found, (moved,))[0]
     if known is not None:
         given = by_likelihood(found, how, coloured is not None, say)
         told = told if how is not None and not how.explains else given.told
         found, findings = given.rooted, (*findings, *given.findings)
-    return completed(asked, found, told, findings=(*together_findings(asked.records), *findings))
+    return completed(asked, found, told, findings=(*loop, *findings))
+
+
+def _hanging(far: float) -> tuple[Finding, ...]:
+    """What is to be said where most of the errors is what is not known between the samples."""
+    if far < HANGS:
+        return ()
+    return (
+        Finding(
+            "intersample",
+            "warning",
+            f"The controller is continuous; {BETWEEN} {far:.1f} times as large. A response that is "
+            "over within a sample is not in the record, and the truth may be farther off.",
+            "Sample faster, by five times if possible, or give the controller.",
+        ),
+    )
+
+
+def _or_stable(found: Estimate, follows: bool, stable: Callable[[], Estimate]) -> Estimate:
+    """A plant that is not stable; or a stable one, where the first misses a response."""
+    try:
+        other = stable() if follows else None
+    except TridentifyError:
+        return found
+    return found if other is None or not leaves_more(found, other) else other
 
 
 def _reaching(found: Rooted, moves: Sequence[Array]) -> tuple[Rooted, float]:
@@ -239,7 +270,8 @@ def _renewed(
     except TridentifyError:
         return best
     before, after = (_mean_square(residuals(one.loops, one.estimate)) for one in (best, end))
-    if best.still and not (end.still and after < (1.0 + WORSE) * before):
+    no_worse = after < (1.0 + WORSE * best.still) * before
+    if not (end.still and no_worse if best.still else end.still or no_worse):
         return best
     return replace(end, passes=end.passes + best.passes)
 
