@@ -80,11 +80,12 @@ def drifting(
     -------
     list of Structure
         Of sound rows that are clearly better with a line than the recommended one as it is: the
-        best of them, and the smallest one that gains as much by it.
+        best of them, and the smallest one that gains as much by it. None that is larger: slow lags
+        and a line follow whatever is slow.
     """
     found = [
         one
-        for one in _with_cause("drift", rows, place, records, larger=True)
+        for one in _with_cause("drift", rows, place, records)
         if rows[one.place].structure.drift is False
     ]
     best = min(found, default=None)
@@ -105,15 +106,14 @@ def _with_cause(
     rows: Sequence[SelectionRow],
     place: int | None,
     records: Sequence[Record],
-    larger: bool = False,
 ) -> list[_Beside]:
     """Rows with a cause of one code that are clearly better than the recommended one as it is.
 
-    The sound ones and that itself; up to its size, where larger ones are not asked for.
+    The sound ones and that itself, up to its size.
     """
     if place is None or not is_able(rows[place]):
         return []
-    best, most = rows[place].estimate, np.inf if larger else rows[place].n_coefficients
+    best, most = rows[place].estimate, rows[place].n_coefficients
     assert best is not None
     plain = _tried(rows[place], records, best.noise_model, "")
     found: list[_Beside] = []

@@ -15,6 +15,11 @@ ROBUST = "use a robust loss (loss='huber' or 'student'; --loss), or mark them as
 WEIGHED = "mark them as missing where they are wrong; the robust loss gives them little weight"
 """What to do about bad samples under the squared loss, and under one that does so already."""
 
+SET_IN = (
+    "record what acts there (a door, a load, a gust) as an input, or identify stretches without it"
+)
+"""What to do about disturbances that are seen to set in."""
+
 
 def about_noise(
     view: View,
@@ -25,6 +30,21 @@ def about_noise(
 ) -> list[Finding]:
     """Samples that stand alone, a distribution that is not Gaussian, noise of changing size."""
     found = []
+    shocks = one.normality.shocks
+    if len(shocks) and not np.isnan(one.scale):
+        far = shocks[np.argsort(-np.abs(shocks[:, 2]))][:3]
+        many = f"{len(shocks)} disturbances set" if len(shocks) > 1 else "a disturbance sets"
+        found.append(
+            one_finding(
+                "drift",
+                name,
+                f"{many} in at once and move {name} from there on ({when(far, len(view.records))}"
+                f"{', the largest' if len(shocks) > 3 else ''}): no sample is wrong, but what is "
+                "taken for noise is not alike over the record, and slow coefficients rest on that",
+                SET_IN,
+                times=np.sort(shocks[:, 1]).tolist(),
+            )
+        )
     if len(one.normality.outliers) and not np.isnan(one.scale):
         rows = one.normality.outliers
         far = rows[np.argsort(-np.abs(rows[:, 2]))]
