@@ -36,10 +36,10 @@ QUANTILE = 0.8
 small, and up to a fifth of spikes does not move this."""
 
 
-CLEARLY = 10.0
-"""Fall of -2 log L from which a far innovation is a shock and no wrong sample."""
+CLEARLY = 4.0
+"""Fall of -2 log L from which a far innovation is a shock and no wrong sample: odds of 7 to 1."""
 BURST = 3
-"""Samples within which what comes back was a burst of wrong ones."""
+"""Samples within which what comes back was a burst of wrong ones, and what goes on is one shock."""
 
 NOT_COLOURED = np.zeros(0)
 
@@ -80,15 +80,20 @@ def distribution(
     tail = float(quantiles(size, (QUANTILE,))[0]) / float(ndtri(0.5 + QUANTILE / 2))
     scale = max(median_scale(size), tail)
     limit = -float(ndtri(rate / seen.size / 2)) * (1.0 + SMALL_SAMPLE / seen.size)
-    rows: tuple[list[tuple[float, float, float]], ...] = ([], [])
+    rows, shocks = [], []
     for e, (one, t) in enumerate(zip(innovations, times, strict=True)):
         far = np.nan_to_num((one - middle) / scale) if scale > 0 else np.zeros(one.size)
+        begun = -far.size
         for k in _first_hand(far, limit, noise):
-            rows[is_shock(far, k, limit, noise)].append((float(e), float(t[k]), float(far[k])))
+            rows.append((float(e), float(t[k]), float(far[k])))
+            goes_on = k - begun <= BURST and far[k] * far[begun] > 0
+            if goes_on or is_shock(far, k, limit, noise):
+                begun = k
+                shocks.append(rows[-1])
     skewness, excess = _shape(seen)
     p_value = _gaussian(skewness, excess, float(seen.size))
-    outliers, shocks = (np.array(own).reshape(-1, 3) for own in rows)
-    return Normality(name, skewness, excess, p_value, outliers, shocks)
+    outliers, sets_in = (np.array(own).reshape(-1, 3) for own in (rows, shocks))
+    return Normality(name, skewness, excess, p_value, outliers, sets_in)
 
 
 def _first_hand(far: Array, limit: float, noise: Array) -> list[int]:
@@ -119,11 +124,12 @@ def is_shock(far: Array, k: int, limit: float, noise: Array) -> bool:
         Autoregression that made them white.
     """
     after = far[k + 1 : k + 1 + BURST]
-    if k < noise.size or np.any(-np.sign(far[k]) * after > limit):
+    if not noise.size <= k < far.size - noise.size or np.any(-np.sign(far[k]) * after > limit):
         return False
-    spike = np.append(1.0, noise)[: far.size - k]
-    gain = float(spike @ far[k : k + spike.size]) ** 2 / float(spike @ spike)
-    return bool(float(far[k]) ** 2 - gain > CLEARLY)
+    whole = np.append(1.0, noise)
+    near = far[k - noise.size : k + noise.size + 1]
+    spikes = np.correlate(near, whole, "valid") ** 2 / float(whole @ whole)
+    return bool(float(far[k]) ** 2 - spikes.max() > CLEARLY)
 
 
 def _shape(values: Array) -> tuple[float, float]:

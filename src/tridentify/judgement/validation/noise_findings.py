@@ -30,23 +30,24 @@ def about_noise(
 ) -> list[Finding]:
     """Samples that stand alone, a distribution that is not Gaussian, noise of changing size."""
     found = []
-    shocks = one.normality.shocks
-    if len(shocks) and not np.isnan(one.scale):
-        far = shocks[np.argsort(-np.abs(shocks[:, 2]))][:3]
-        many = f"{len(shocks)} disturbances set" if len(shocks) > 1 else "a disturbance sets"
+    rows = one.normality.shocks
+    if len(rows) and not np.isnan(one.scale):
+        far = rows[np.argsort(-np.abs(rows[:, 2]))][:3]
+        many = f"{len(rows)} disturbances set" if len(rows) > 1 else "a disturbance sets"
+        which = "at" if len(rows) <= 3 else "the largest at"
         found.append(
             one_finding(
                 "drift",
                 name,
-                f"{many} in at once and move {name} from there on ({when(far, len(view.records))}"
-                f"{', the largest' if len(shocks) > 3 else ''}): no sample is wrong, but what is "
-                "taken for noise is not alike over the record, and slow coefficients rest on that",
+                f"{many} in at once and move {name} from there on ({which} "
+                f"{when(far, len(view.records))}): no sample is wrong, but what is taken for noise "
+                "is not alike over the record, and slow coefficients rest on that",
                 SET_IN,
-                times=np.sort(shocks[:, 1]).tolist(),
+                times=np.sort(rows[:, 1]).tolist(),
             )
         )
-    if len(one.normality.outliers) and not np.isnan(one.scale):
-        rows = one.normality.outliers
+    rows = one.normality.outliers
+    if len(rows) and not np.isnan(one.scale):
         far = rows[np.argsort(-np.abs(rows[:, 2]))]
         at = when(far[:3], len(view.records))
         many = f"{len(rows)} samples lie" if len(rows) > 1 else "a sample lies"
@@ -64,7 +65,7 @@ def about_noise(
                 experiment=first if len(view.records) > 1 and np.all(rows[:, 0] == first) else None,
             )
         )
-    elif ("Gaussian", name) in rejected:
+    elif ("Gaussian", name) in rejected and not found:
         found.append(
             one_finding(
                 "distribution",

@@ -84,7 +84,7 @@ class Normality:
     outliers : ndarray, shape (n_outliers, 3)
         Position of the experiment, time [s], and distance in standard deviations of the others.
     shocks : ndarray, shape (n_shocks, 3)
-        The same of disturbances that set in at once and go on as the noise does.
+        The same where a disturbance sets in, which goes on as the noise does.
     """
 
     output: str
