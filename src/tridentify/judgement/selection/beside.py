@@ -52,7 +52,7 @@ def bent(
     -------
     (int, str) or None
         The smallest sound one that is clearly better with it than the recommended one without, and
-        gains by it `AS_MUCH` of what a larger one with such a cause gains on it.
+        gains by it `AS_MUCH` of what any with as many poles and such a cause gains on it.
     """
     found = _with_cause("nonlinear", rows, place, records)
     best = min(found, default=None)
@@ -80,7 +80,7 @@ def drifting(
     -------
     list of Structure
         Of sound rows that are clearly better with a line than the recommended one as it is: the
-        best of them, and the smallest one that gains as much by it. None that is larger: slow lags
+        best of them, and the smallest one that gains as much by it. None has more poles: slow lags
         and a line follow whatever is slow.
     """
     found = [
@@ -109,11 +109,11 @@ def _with_cause(
 ) -> list[_Beside]:
     """Rows with a cause of one code that are clearly better than the recommended one as it is.
 
-    The sound ones and that itself, up to its size.
+    The sound ones and that itself, with no more poles.
     """
     if place is None or not is_able(rows[place]):
         return []
-    best, most = rows[place].estimate, rows[place].n_coefficients
+    best, most = rows[place].estimate, rows[place].structure.common_poles
     assert best is not None
     plain = _tried(rows[place], records, best.noise_model, "")
     found: list[_Beside] = []
@@ -121,7 +121,7 @@ def _with_cause(
         return found
     for k, row in enumerate(rows):
         sound = k == place or not row.doubts
-        if is_able(row) and sound and row.n_coefficients <= most:
+        if is_able(row) and sound and row.structure.common_poles <= most:
             one = _tried(row, records, best.noise_model, code)
             if one is not None and one[1] is not None and one[0] < plain[0] - CLEARLY:
                 found.append(_Beside(one[0], row.n_coefficients, k, one[1]))
