@@ -220,3 +220,15 @@ def test_two_close_modes_of_an_accelerometer_under_a_sweep_are_found(seed: int) 
     assert (found.structure.poles, found.structure.zeros) == (4, 4)
     assert found.estimate is not None
     assert found.estimate.fit[0] > 95.0
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.fast("0")
+def test_steps_with_slopes_as_an_actuator_makes_them_are_no_direct_part(seed: int) -> None:
+    rng = np.random.default_rng([77, seed])
+    steps = np.repeat(rng.choice([-1.0, 0.0, 1.0], 20), 20)
+    u = np.convolve(steps, np.ones(4) / 4.0, mode="same")
+    flown = Record(u, u, dt=0.05, intersample="foh")
+    y = simulate(TransferFunction([4.0, 4.0], [1.0, 1.5, 4.0]), flown)[:, 0]
+    y = y + 0.005 * np.std(y) * rng.standard_normal(u.size)
+    assert not has_direct_part([Record(u, y, dt=0.05, intersample="auto")])

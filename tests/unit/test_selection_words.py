@@ -90,3 +90,10 @@ def test_a_fit_that_is_clearly_lower_is_not_called_as_good_without_the_reason(ro
     assert "left out to 51.70 %, less than the best, 2 poles and 1 zero (89.10 %), but" in said
     assert "offset, drift and free responses are left aside" in said
     assert "left aside" not in verdict_of(rows, (88.7, 89.1, 80.0), "held-out")
+
+
+def test_a_larger_one_that_stood_for_a_non_linearity(rows):
+    verdict = Verdict(1, 2, "bent", sound=True, instead=(2, "play between u and y"))
+    said = in_words(rows, contenders(), verdict, missed=True)
+    assert said.startswith("2 poles and 1 zero are recommended: with play between u and y")
+    assert "3 poles and 2 zeros" in said

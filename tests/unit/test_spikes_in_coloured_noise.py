@@ -110,3 +110,21 @@ def test_an_innovation_that_is_far_off_counts_once_and_its_neighbours_for_themse
     e[[300, 301]] = 14.0
     found = distribution("y", [e], [np.arange(600.0)], 0.001, SLOW).outliers[:, 1]
     assert found.tolist() == [300.0, 301.0]
+
+
+def far_off(shape, size=8.0):
+    e = np.random.default_rng(5).standard_normal(600)
+    e[300 : 300 + len(shape)] += size * np.array(shape)
+    return distribution("y", [e], [np.arange(600.0)], 0.001, SLOW)
+
+
+@pytest.mark.parametrize("shape", [[1.0], [1.0, 0.8]])
+def test_what_goes_on_as_the_noise_does_sets_in_and_is_no_wrong_sample(shape):
+    assert far_off(shape).shocks[:, 1].tolist() == [300.0 + k for k in range(len(shape))]
+
+
+@pytest.mark.parametrize("shape", [[1.0, *SLOW], [1.0, -1.0]])
+def test_a_wrong_sample_or_what_comes_back_at_once_does_not_set_in(shape):
+    found = far_off(shape)
+    assert len(found.outliers)
+    assert not len(found.shocks)

@@ -159,8 +159,17 @@ def _responds_at_once(records: Sequence[Record]) -> bool:
     return any(_output_responds(parts, i) for i in range(records[0].n_outputs))
 
 
+def _moves_alone(records: Sequence[Record]) -> bool:
+    """Whether inputs are stated as held, or move in single samples: a slope is joined by lines."""
+    if all(record.intersample == "zoh" for record in records):
+        return True
+    moves = [np.any(np.diff(record.u, axis=0) != 0.0, axis=1) for record in records]
+    alone = sum(int(np.sum(one[1:-1] & ~one[:-2] & ~one[2:])) for one in moves)
+    return 2 * alone > sum(int(np.sum(one[1:-1])) for one in moves)
+
+
 def _output_responds(records: Sequence[Record], output: int) -> bool:
-    held = is_staircase(records)
+    held = is_staircase(records) and _moves_alone(records)
     try:
         parallel, fit = _bank(records, output, held)
         surprises = small_surprises(records)

@@ -5,6 +5,7 @@ the larger of the median absolute value and the 80 % quantile, both consistent f
 The limit is that of the largest of ``N`` Gaussian samples (Bonferroni), widened for the error of
 the scale in short records. A response that the model misses has large residuals too, but in bursts;
 outliers stand alone, so most of those found must be more than twice as far off as their neighbours.
+What goes on as coloured noise does set in there, and no sample is wrong (`distribution`).
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ from scipy.special import ndtri
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
 from tridentify.judgement.causes.first_samples import Predictions, beginning
-from tridentify.judgement.validation.distribution import QUANTILE, SMALL_SAMPLE
+from tridentify.judgement.validation.distribution import QUANTILE, SMALL_SAMPLE, is_shock
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.converter import within_a_step
 from tridentify.numerics.quantiles import median, quantiles, root_mean_square
 from tridentify.numerics.robust import median_scale
@@ -184,6 +186,7 @@ def spikes(series: Sequence[Array], a: Array) -> tuple[list[tuple[int, int]], fl
             farthest = max(farthest, float(size[k]) / scale)
             first, last = max(k - a.size, 0), min(k + a.size + 1, left.size)
             left[first:last] -= left[k] * taps[first - k + a.size : last - k + a.size]
+    places = [(e, k) for e, k in places if not _sets_in(series[e], k, a)]
     apart = sum(
         all(
             other == here or other[0] != here[0] or abs(other[1] - here[1]) > BESIDE
@@ -192,6 +195,15 @@ def spikes(series: Sequence[Array], a: Array) -> tuple[list[tuple[int, int]], fl
         for here in places
     )
     return (sorted(places), farthest) if places and 2 * apart >= len(places) else ([], 0.0)
+
+
+def _sets_in(series: Array, k: int, a: Array) -> bool:
+    """Whether a disturbance sets in at a sample, or at the next one: no sample is wrong then."""
+    innovations = whiten(np.ascontiguousarray(series), a)[0]
+    seen = innovations[np.isfinite(innovations)]
+    scale = _scale(np.abs(seen - median(seen)))
+    far = np.nan_to_num(innovations / scale) if scale > 0 else np.zeros(series.size)
+    return any(is_shock(far, at, _limit(seen.size), a) for at in (k, k + 1) if at < far.size)
 
 
 def _from_neighbours(series: Array, taps: Array) -> Array:

@@ -125,24 +125,25 @@ def decide(known: OrderEvidence, least: int = 0) -> Decision:
         ends=found,
         least=least,
     )
-    place = _with_delay(rows, contenders, verdict.place)
+    place = _with_more(rows, contenders, verdict.place)
     verdict = replace(verdict, place=place)
     if place is not None and verdict.by == "likelihood":
         rows[place] = replace(rows[place], doubts=objections[place])
     return Decision(tuple(rows), tuple(contenders), verdict)
 
 
-def _with_delay(
+def _with_more(
     rows: Sequence[SelectionRow], contenders: Sequence[Contender], place: int | None
 ) -> int | None:
-    """The same orders with a delay, where the likelihood asks for it: that is no other order."""
+    """The same orders with a delay or a drift, where the likelihood asks for it: no other order."""
     if place is None:
         return None
 
     def is_likelier(k: int) -> bool:
-        asked = replace(rows[k].structure, delay=rows[place].structure.delay)
-        late = rows[k].structure.delay == "free" and asked == rows[place].structure
-        if not late or rows[k].doubts or not (contenders[k].usable and contenders[place].usable):
+        plain, other = rows[place].structure, rows[k].structure
+        more = other.delay == "free" or other.drift is True
+        alike = more and replace(other, delay=plain.delay, drift=plain.drift) == plain
+        if not alike or rows[k].doubts or not (contenders[k].usable and contenders[place].usable):
             return False
         fall = contenders[place].criteria.deviance - contenders[k].criteria.deviance
         return fall > needed(contenders[place], contenders[k])

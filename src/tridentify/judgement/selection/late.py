@@ -121,7 +121,7 @@ def delayed(
         found = [
             late
             for row in rows
-            if _is_able(row) and row.n_coefficients < rows[place].n_coefficients
+            if is_able(row) and row.n_coefficients < rows[place].n_coefficients
             for late in [_fitted(row, records, best.noise_model)]
             if late is not None
         ]
@@ -142,7 +142,7 @@ def delayed(
 def _free(rows: Sequence[SelectionRow], place: int) -> int | None:
     """The row itself, or that with its pole at zero free: a slow drift makes one beside lags."""
     sizes = [(one.structure.poles, one.structure.zeros) for one in rows]
-    alike = (k for k, row in enumerate(rows) if sizes[k] == sizes[place] and _is_able(row))
+    alike = (k for k, row in enumerate(rows) if sizes[k] == sizes[place] and is_able(row))
     return next(alike, None)
 
 
@@ -152,10 +152,10 @@ def _settled(rows: Sequence[SelectionRow], place: int, records: Sequence[Record]
     assert best is not None
     found = []
     for k, row in enumerate(rows):
-        if not _is_able(row) or row.n_coefficients > rows[place].n_coefficients:
+        if not is_able(row) or row.n_coefficients > rows[place].n_coefficients:
             continue
         assert row.estimate is not None
-        end = settle(_present(row.estimate, records, best.noise_model))
+        end = settle(present_of(row.estimate, records, best.noise_model))
         if end is not None:
             found.append(_Plain(k, row.n_coefficients, end.criterion, _left(end)))
     return found
@@ -179,7 +179,7 @@ def _left(end: Attempt) -> float:
 
 def _drifts(estimate: Estimate | None, records: Sequence[Record]) -> bool:
     """Whether most of what an estimate leaves is slow, and is much."""
-    end = estimate and settle(_present(estimate, records, estimate.noise_model))
+    end = estimate and settle(present_of(estimate, records, estimate.noise_model))
     if not end:
         return False
     left = [np.nansum((one - np.nanmean(one, axis=0)) ** 2, axis=0) for one in end.residuals()]
@@ -189,7 +189,7 @@ def _drifts(estimate: Estimate | None, records: Sequence[Record]) -> bool:
 
 def _is_usual(row: SelectionRow) -> bool:
     """Whether it has one lag or two, and a delay is open."""
-    return _is_able(row) and row.structure.zeros == 0 and row.structure.common_poles <= MOST
+    return is_able(row) and row.structure.zeros == 0 and row.structure.common_poles <= MOST
 
 
 def _is_worth_more(late: _Late, plain: Sequence[_Plain]) -> bool:
@@ -198,14 +198,15 @@ def _is_worth_more(late: _Late, plain: Sequence[_Plain]) -> bool:
     return bool(beside) and late.criterion < min(beside) - CLEARLY
 
 
-def _is_able(row: SelectionRow) -> bool:
-    """Whether a delay is open that the structure does not have."""
+def is_able(row: SelectionRow) -> bool:
+    """Whether it is of a plain structure without a delay: a cause can be fitted beside it."""
     if row.estimate is None or not row.estimate.status.ok or row.structure.constrained:
         return False
     return row.structure.shared and row.structure.delay == 0.0
 
 
-def _present(estimate: Estimate, records: Sequence[Record], noise: Sequence[Array]) -> Present:
+def present_of(estimate: Estimate, records: Sequence[Record], noise: Sequence[Array]) -> Present:
+    """An estimate as what other explanations are compared with, under a noise model."""
     nuisances = stated(estimate)
     poles = poles_of_estimate(estimate, problem_of(estimate, records, nuisances))
     delay = np.array(estimate.model.delay)
@@ -223,7 +224,7 @@ def _by_delays(present: Present) -> Explanations | None:
 
 def _fitted(row: SelectionRow, records: Sequence[Record], noise: Sequence[Array]) -> _Late | None:
     assert row.estimate is not None
-    present = _present(row.estimate, records, noise)
+    present = present_of(row.estimate, records, noise)
     explained = _by_delays(present)
     if explained is None:
         return None
@@ -264,7 +265,7 @@ def direct_and_delayed(
     pairs = [
         tuple(_tried(fit, row, records, best.noise_model) for fit in (_direct, _fitted))
         for row in rows
-        if _is_able(row) and _is_full(row.structure)
+        if is_able(row) and _is_full(row.structure)
     ]
     least = min((one.left for pair in pairs for one in pair if one is not None), default=0.0)
     first = min(
@@ -337,7 +338,7 @@ def _direct(row: SelectionRow, records: Sequence[Record], noise: Sequence[Array]
     """A row with as many zeros as poles and the delay that is likeliest beside them, if any."""
     n = row.structure.common_poles
     assert row.estimate is not None
-    present = replace(_present(row.estimate, records, noise), zeros=((n,),))
+    present = replace(present_of(row.estimate, records, noise), zeros=((n,),))
     size = row.n_coefficients + 1
     at_once = settle(present)
     plain = None

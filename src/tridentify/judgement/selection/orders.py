@@ -140,6 +140,8 @@ def order_label(structure: Structure) -> str:
         label += ", free delay"
     elif isinstance(structure.delay, float) and structure.delay > 0.0:
         label += f", delay {structure.delay:.4g} s"
+    if structure.drift is True:
+        label += ", drift"
     if is_integrator(structure):
         return f"{label}, integrator"
     return label + (", constrained" if structure.constrained else "")

@@ -243,15 +243,17 @@ class Verdict:
     place : int or None
     best : int or None
         The eligible candidate that predicts held-out samples best.
-    by : {"likelihood", "held-out", "size", "slight", "useful", "none"}
+    by : {"likelihood", "held-out", "size", "slight", "useful", "bent", "none"}
         "size": a further percent would buy the larger ones. "slight": the same of `SLIGHT`, of one
         with a delay. "useful": nothing larger predicts better than a smaller one
-        that is not sound.
+        that is not sound. "bent": a non-linearity explains more than further coefficients do.
     sound : bool
         Whether it is sound.
     fair : bool
         Whether it takes fair terms to predict as well as the best: as they are, the best one is
         clearly better.
+    instead : (int, str), optional
+        The larger one that stood for a non-linearity, and what that is.
     """
 
     place: int | None
@@ -259,6 +261,7 @@ class Verdict:
     by: str
     sound: bool
     fair: bool = False
+    instead: tuple[int, str] | None = None
 
 
 def recommend(

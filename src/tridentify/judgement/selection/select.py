@@ -27,6 +27,7 @@ from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.causes.intersample import behaviours
 from tridentify.judgement.causes.wild_beginning import without_wild_beginning
 from tridentify.judgement.choice import checked_method, listed, with_judgement
+from tridentify.judgement.selection.beside import bent, drifting
 from tridentify.judgement.selection.decide import (
     Decision,
     OrderEvidence,
@@ -58,10 +59,10 @@ from tridentify.judgement.selection.orders import (
     order_label,
 )
 from tridentify.judgement.selection.result import Selection, SelectionRow
-from tridentify.judgement.selection.settle import resettled, settle
+from tridentify.judgement.selection.settle import resettled, resettled_again, settle
 from tridentify.judgement.selection.shared import Shared, shared_models
 from tridentify.judgement.selection.table import SelectionTable, table_of
-from tridentify.judgement.selection.words import in_words
+from tridentify.judgement.selection.words import in_words, notes
 from tridentify.numerics.arrays import Complex
 from tridentify.numerics.executor import Executor
 from tridentify.numerics.threads import one_blas_thread
@@ -168,7 +169,12 @@ def select_structure(
         if other is not None:
             settled, work = other, replace(work, records=other.records, identified=None)
             opened = work.opened(structures)
-        return work.selection(structures, opened, settled.unseen, settled.told)
+        found = work.selection(structures, opened, settled.unseen, settled.told)
+        other = resettled_again(given, unseen, settled, found.recommended)
+        if other is None:
+            return found
+        work = replace(work, records=other.records, identified=None)
+        return work.selection(structures, work.opened(structures), other.unseen, other.told)
 
 
 def _check_channels(records: Sequence[Record], unseen: Sequence[Record]) -> None:
@@ -252,6 +258,10 @@ class _Work:
             asked = integrating(evidence.rows(), self.records)
             evidence = self._with(evidence, asked, "candidates with a pole at zero", unseen)
         found = decide(evidence)
+        if self.free:
+            asked = drifting(found.rows, found.verdict.place, self.records)
+            evidence = self._with(evidence, asked, "candidates with a drift", unseen)
+            found = decide(evidence) if asked else found
         if self.late and isinstance(self.method, ThreeModel):
             self.say("whether a delay is missing")
             asked = delayed(found.rows, found.verdict.place, self.records)
@@ -267,19 +277,26 @@ class _Work:
         missed = place is not None and self._missed(evidence.whole[place])
         coloured = place is not None and misleads(evidence.whole[place], self.records)
         reason = in_words(rows, found.contenders, found.verdict, missed, coloured)
-        notes = (*told, *_notes(table, unseen))
-        return Selection(tuple(rows), None if place is None else rows[place], reason, hankel, notes)
+        told = (*told, *notes(table.noise, bool(unseen)))
+        return Selection(tuple(rows), None if place is None else rows[place], reason, hankel, told)
 
     def _concluded(
         self, evidence: OrderEvidence, found: Decision
     ) -> tuple[list[SelectionRow], Decision, Hankel | None]:
-        """Also by the poles that rise above the noise; the recommended row with all it says."""
+        """Also by poles that rise above the noise and by what bends; the row with all it says."""
         hankel = self._hankel(evidence.table, found.verdict.place)
         if hankel is not None:
             again = decide(evidence, hankel.order)
             if again.verdict.place != found.verdict.place:
                 found = again
                 hankel = self._hankel(evidence.table, again.verdict.place)
+        other = bent(found.rows, found.verdict.place, self.records)
+        if other is not None and found.verdict.place is not None:
+            smaller, what = other
+            instead = found.verdict.place, what
+            verdict = replace(found.verdict, place=smaller, by="bent", instead=instead)
+            found = replace(found, verdict=verdict)
+            hankel = self._hankel(evidence.table, smaller)
         rows, place = list(found.rows), found.verdict.place
         if place is not None:
             rows[place] = self._judged(rows[place])
@@ -477,23 +494,3 @@ class _Work:
             return hankel_values(self.records, operators, nuisances, table.noise[place])
         except (TridentifyError, np.linalg.LinAlgError, ValueError):
             return None
-
-
-def _notes(table: SelectionTable, unseen: Sequence[Record]) -> tuple[str, ...]:
-    told = []
-    noise = next((noise for noise in table.noise if noise), ())
-    if any(a.size for a in noise):
-        sizes = ", ".join(str(a.size) for a in noise)
-        told.append(
-            "the noise is coloured: likelihoods are compared on samples whitened by "
-            f"autoregressions, for every candidate of the same order ({sizes})"
-        )
-    if unseen:
-        told.append("held-out: fit of the validation record, offset and initial state fitted to it")
-    else:
-        told.append(
-            "held-out: fit of blocks of the record that were left out in turn, offset and initial "
-            "state fitted to the whole record"
-        )
-    told.append("fit and coefficients of every row are those that identify gives for it alone")
-    return tuple(told)

@@ -15,6 +15,7 @@ from tridentify.judgement.causes.intersample import IN_WORDS, behaviours, is_sta
 from tridentify.judgement.choice import with_behaviour
 from tridentify.judgement.selection.finish_candidates import CandidateTask, run_task
 from tridentify.judgement.selection.orders import order_label
+from tridentify.judgement.selection.result import SelectionRow
 from tridentify.judgement.selection.table import SelectionTable, table_of
 from tridentify.record.checks.samples import Behaviour
 from tridentify.record.record import Record
@@ -84,6 +85,26 @@ def resettled(
     if found is not None and found.advised != found.present:
         return _changed(records, unseen, found.advised, table.entries[place].structure)
     return None if is_staircase(records) else _plainer(records, unseen, settled, table, method)
+
+
+def resettled_again(
+    records: tuple[Record, ...],
+    unseen: tuple[Record, ...],
+    settled: SettledRecords,
+    row: SelectionRow | None,
+) -> SettledRecords | None:
+    """Another behaviour, where the recommended candidate is told that one: it may be a smaller one.
+
+    The likeliest may have poles and zeros that make good for what the input is taken for.
+    """
+    if not settled.told or row is None or row.estimate is None:
+        return None
+    if not any(one.code == "intersample" and one.matters for one in row.estimate.findings):
+        return None
+    found = behaviours(row.estimate, settled.records)
+    if found is None or found.advised == found.present:
+        return None
+    return _changed(records, unseen, found.advised, row.structure)
 
 
 def _changed(

@@ -8,6 +8,7 @@ from tridentify.judgement.selection.numbers import percent, share
 from tridentify.judgement.selection.orders import is_integrator, order_label
 from tridentify.judgement.selection.result import SelectionRow
 from tridentify.judgement.selection.rule import POINT, SLIGHT, Contender, Verdict, needed
+from tridentify.numerics.arrays import Array
 from tridentify.structure import Structure
 
 POORLY = 0.5
@@ -37,6 +38,13 @@ def in_words(
         Whether it is not white, and time not even, so that no noise model was fitted.
     """
     place = verdict.place
+    if place is not None and verdict.instead is not None:
+        larger, what = verdict.instead
+        return (
+            f"{_capital(named(rows[place].structure))} are recommended: with {what} they explain "
+            f"the record clearly better than {named(rows[larger].structure)} do without, whose "
+            "further coefficients stand for that."
+        )
     if place is None or verdict.by == "likelihood" or verdict.best is None:
         return reason_of(rows, contenders, place, missed)
     own, name = rows[place], _capital(named(rows[place].structure))
@@ -58,6 +66,27 @@ def in_words(
     elif coloured:
         told.append(COLOURED)
     return " ".join(filter(None, told))
+
+
+def notes(models: Sequence[tuple[Array, ...]], unseen: bool) -> tuple[str, ...]:
+    """How the rows were compared, with noise models of each, and whether on unseen records."""
+    told = []
+    noise = next((noise for noise in models if noise), ())
+    if any(a.size for a in noise):
+        sizes = ", ".join(str(a.size) for a in noise)
+        told.append(
+            "the noise is coloured: likelihoods are compared on samples whitened by "
+            f"autoregressions, for every candidate of the same order ({sizes})"
+        )
+    if unseen:
+        told.append("held-out: fit of the validation record, offset and initial state fitted to it")
+    else:
+        told.append(
+            "held-out: fit of blocks of the record that were left out in turn, offset and initial "
+            "state fitted to the whole record"
+        )
+    told.append("fit and coefficients of every row are those that identify gives for it alone")
+    return tuple(told)
 
 
 def _within(rows: Sequence[SelectionRow], verdict: Verdict) -> str:
@@ -186,7 +215,7 @@ def named(structure: Structure) -> str:
         poles = "1 pole, at zero," if n == 1 else f"{n} poles, one of them at zero,"
     else:
         poles = f"{n} pole{'s' if n > 1 else ''}"
-    return f"{poles} and {zeros}{delay}"
+    return f"{poles} and {zeros}{delay}{' with a drift' if structure.drift is True else ''}"
 
 
 def _against_larger(

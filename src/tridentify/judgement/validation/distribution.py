@@ -7,8 +7,13 @@ outlier is farther from the middle than the largest of ``N`` Gaussian samples wo
 (Bonferroni), the scale taken from the middle of the distribution, so that what is looked for does
 not hide itself.
 
-References: R. D'Agostino & E. Pearson, Biometrika 60 (1973) 613-622; R. D'Agostino, A. Belanger &
-R. D'Agostino Jr., The American Statistician 44 (1990) 316-321.
+A wrong sample leaves the next ones as they are; a door that opens, a gust or a load that comes on
+moves them all, as the noise does. In what whitens coloured noise ``(1, a)`` the first is the whole
+of ``size (1, a)``, the second ``size`` alone (additive and innovation outliers; Fox 1972).
+
+References: A. Fox, Journal of the Royal Statistical Society B 34 (1972) 350-363. R. D'Agostino &
+E. Pearson, Biometrika 60 (1973) 613-622; R. D'Agostino, A. Belanger & R. D'Agostino Jr., The
+American Statistician 44 (1990) 316-321.
 """
 
 from __future__ import annotations
@@ -30,6 +35,11 @@ QUANTILE = 0.8
 """Quantile of the absolute values that a second scale is taken from: rounding makes the median too
 small, and up to a fifth of spikes does not move this."""
 
+
+CLEARLY = 4.0
+"""Fall of -2 log L from which a far innovation is a shock and no wrong sample: odds of 7 to 1."""
+BURST = 3
+"""Samples within which what comes back was a burst of wrong ones, and what goes on is one shock."""
 
 NOT_COLOURED = np.zeros(0)
 
@@ -70,13 +80,20 @@ def distribution(
     tail = float(quantiles(size, (QUANTILE,))[0]) / float(ndtri(0.5 + QUANTILE / 2))
     scale = max(median_scale(size), tail)
     limit = -float(ndtri(rate / seen.size / 2)) * (1.0 + SMALL_SAMPLE / seen.size)
-    rows = []
+    rows, shocks = [], []
     for e, (one, t) in enumerate(zip(innovations, times, strict=True)):
         far = np.nan_to_num((one - middle) / scale) if scale > 0 else np.zeros(one.size)
-        rows += [(float(e), float(t[k]), float(far[k])) for k in _first_hand(far, limit, noise)]
+        begun = -far.size
+        for k in _first_hand(far, limit, noise):
+            rows.append((float(e), float(t[k]), float(far[k])))
+            goes_on = k - begun <= BURST and far[k] * far[begun] > 0
+            if goes_on or is_shock(far, k, limit, noise):
+                begun = k
+                shocks.append(rows[-1])
     skewness, excess = _shape(seen)
     p_value = _gaussian(skewness, excess, float(seen.size))
-    return Normality(name, skewness, excess, p_value, np.array(rows).reshape(-1, 3))
+    outliers, sets_in = (np.array(own).reshape(-1, 3) for own in (rows, shocks))
+    return Normality(name, skewness, excess, p_value, outliers, sets_in)
 
 
 def _first_hand(far: Array, limit: float, noise: Array) -> list[int]:
@@ -90,6 +107,29 @@ def _first_hand(far: Array, limit: float, noise: Array) -> list[int]:
             echo = left[k + 1 : k + 1 + noise.size]
             echo -= left[k] * noise[: echo.size]
     return found
+
+
+def is_shock(far: Array, k: int, limit: float, noise: Array) -> bool:
+    """Whether what is far goes on as the noise does, and does not come back at once.
+
+    Parameters
+    ----------
+    far : (n_samples,) array
+        Innovations in standard deviations, 0 where there is none.
+    k : int
+        Which one is far.
+    limit : float
+        From where one is.
+    noise : (p,) array
+        Autoregression that made them white.
+    """
+    after = far[k + 1 : k + 1 + BURST]
+    if not noise.size <= k < far.size - noise.size or np.any(-np.sign(far[k]) * after > limit):
+        return False
+    whole = np.append(1.0, noise)
+    near = far[k - noise.size : k + noise.size + 1]
+    spikes = np.correlate(near, whole, "valid") ** 2 / float(whole @ whole)
+    return bool(float(far[k]) ** 2 - spikes.max() > CLEARLY)
 
 
 def _shape(values: Array) -> tuple[float, float]:

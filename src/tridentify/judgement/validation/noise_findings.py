@@ -15,6 +15,11 @@ ROBUST = "use a robust loss (loss='huber' or 'student'; --loss), or mark them as
 WEIGHED = "mark them as missing where they are wrong; the robust loss gives them little weight"
 """What to do about bad samples under the squared loss, and under one that does so already."""
 
+SET_IN = (
+    "record what acts there (a door, a load, a gust) as an input, or identify stretches without it"
+)
+"""What to do about disturbances that are seen to set in."""
+
 
 def about_noise(
     view: View,
@@ -25,8 +30,24 @@ def about_noise(
 ) -> list[Finding]:
     """Samples that stand alone, a distribution that is not Gaussian, noise of changing size."""
     found = []
-    if len(one.normality.outliers) and not np.isnan(one.scale):
-        rows = one.normality.outliers
+    rows = one.normality.shocks
+    if len(rows) and not np.isnan(one.scale):
+        far = rows[np.argsort(-np.abs(rows[:, 2]))][:3]
+        many = f"{len(rows)} disturbances set" if len(rows) > 1 else "a disturbance sets"
+        which = "at" if len(rows) <= 3 else "the largest at"
+        found.append(
+            one_finding(
+                "drift",
+                name,
+                f"{many} in at once and move {name} from there on ({which} "
+                f"{when(far, len(view.records))}): no sample is wrong, but what is taken for noise "
+                "is not alike over the record, and slow coefficients rest on that",
+                SET_IN,
+                times=np.sort(rows[:, 1]).tolist(),
+            )
+        )
+    rows = one.normality.outliers
+    if len(rows) and not np.isnan(one.scale):
         far = rows[np.argsort(-np.abs(rows[:, 2]))]
         at = when(far[:3], len(view.records))
         many = f"{len(rows)} samples lie" if len(rows) > 1 else "a sample lies"
@@ -44,7 +65,7 @@ def about_noise(
                 experiment=first if len(view.records) > 1 and np.all(rows[:, 0] == first) else None,
             )
         )
-    elif ("Gaussian", name) in rejected:
+    elif ("Gaussian", name) in rejected and not found:
         found.append(
             one_finding(
                 "distribution",

@@ -83,6 +83,8 @@ class Normality:
         D'Agostino and Pearson's test.
     outliers : ndarray, shape (n_outliers, 3)
         Position of the experiment, time [s], and distance in standard deviations of the others.
+    shocks : ndarray, shape (n_shocks, 3)
+        The same where a disturbance sets in, which goes on as the noise does.
     """
 
     output: str
@@ -90,6 +92,7 @@ class Normality:
     kurtosis: float
     p_value: float
     outliers: Array
+    shocks: Array
 
 
 @dataclass(frozen=True, eq=False)
