@@ -51,7 +51,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import lfilter
+from scipy.linalg import solve_banded
 
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
@@ -254,7 +254,8 @@ def _sparing(left: Array, models: Sequence[Array]) -> Array | None:
         order = int(np.argmin(len(left) * np.log(power + 1e-300) + price))
         lower = lower or order < a.size
         own = stationary_polynomial(reflection[:order]) if order < a.size else a
-        found[:, i, i] = lfilter([1.0], np.append(1.0, own), np.eye(1, len(left))[0])
+        bands = np.tile(np.append(1.0, own)[:, None], len(left))
+        found[:, i, i] = solve_banded((own.size, 0), bands, np.eye(1, len(left))[0])
     return found if lower else None
 
 

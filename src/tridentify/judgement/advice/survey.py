@@ -414,21 +414,18 @@ def _of_delay(seen: DelaySeen) -> Finding:
     )
 
 
-def _in_words(chance: float) -> str:
-    return f"below {UNDERFLOW:g}" if chance < UNDERFLOW else f"{chance:.1g}"
-
-
 def _of_noise(record: Record, output: _Output) -> list[Finding]:
     """Feedback and drift."""
     name, found = record.output_names[output.index], []
     chance = feedback_seen(output.parallel, output.fit)
     if chance < FEEDBACK:
+        told = f"below {UNDERFLOW:g}" if chance < UNDERFLOW else f"{chance:.1g}"
         found.append(
             Finding(
                 "feedback",
                 "warning",
                 f"What past inputs leave of {name} is explained by present and later ones "
-                f"(probability by chance {_in_words(chance)}): the input reacts to the "
+                f"(probability by chance {told}): the input reacts to the "
                 "output, its clock is late, or the system has a direct part (as many zeros as "
                 "poles).",
                 OPEN_LOOP if record.reference is None else BY_REFERENCE,
