@@ -40,6 +40,7 @@ COMMANDS = {
     "excite": "excite_command.excite",
     "export": "export_command.export",
     "validate": "validate_command.validate",
+    "simulate": "simulate_command.simulate_file",
     "warm": "warm_command.warm",
     "compare": "compare_command.compare_models",
 }

@@ -18,6 +18,11 @@ BEYOND_RECORD = 3.0
 """Time constant over the length of the record from which its response is hardly seen: in a third
 of a time constant a step reaches 28 % of its end."""
 
+OVER_WITHIN = 3.0
+"""Steps over a time constant from which a response is over within a sample: to a twentieth."""
+SEEN = 0.1
+"""Standard error over a fast pole up to which the samples themselves tell it; where they do not,
+what is possible between them leaves a quarter."""
 TURNS = 1.6
 """Angle of a mode between two samples [rad], four samples a period, from which it is suspicious."""
 
@@ -232,7 +237,27 @@ def _outside(estimate: Estimate, records: Sequence[Record]) -> list[Finding]:
                 "Use two poles fewer, or sample faster if the mode is real.",
             )
         )
+    if any(not p.imag and -p.real * step > OVER_WITHIN for p in poles):
+        found += _over_within(estimate, step)
     return found
+
+
+def _over_within(estimate: Estimate, step: float) -> list[Finding]:
+    """The fastest real pole, where the samples say little more of it than that it is fast."""
+    rows = [row for row in estimate.derived_rows() if row[0].startswith("real pole")]
+    _, value, std, _ = min(rows, key=lambda row: row[1])
+    if std <= SEEN * abs(value):
+        return []
+    return [
+        Finding(
+            "outside-the-record",
+            "warning",
+            f"The response of a pole at {value:.3g} 1/s is over within a sample ({step:.3g} s), "
+            f"and the record tells it to {100 * std / abs(value):.0f} %: what is said of it is "
+            "little more than that it is fast, and coefficients that it multiplies are no better.",
+            "Use one pole fewer, or sample faster if the pole is real.",
+        )
+    ]
 
 
 def _denominators(estimate: Estimate) -> list[list[complex]]:

@@ -61,7 +61,8 @@ def higher_candidates(
     -------
     Higher or None
         All of them: where the likeliest candidate has as many poles as were tried, and the fullest
-        one with two more leaves less by `WORTH` of the outputs' variance and the factor `TWICE`.
+        one with two more leaves less by `WORTH` of the outputs' variance and the factor `TWICE`
+        (than with a direct part, where there may be one).
         With two resonances more where one more is worth it, but not by that factor.
     """
     place = table.best("bic")
@@ -72,12 +73,17 @@ def higher_candidates(
     before = _left(likeliest, records)
     if likeliest.structure.common_poles < most or before < WORTH:
         return None
+    direct = may_have_direct_part(records)
+    if direct:
+        full = replace(likeliest.structure, zeros=most)
+        fitted = run_task(CandidateTask(records, full, method, shared=False))
+        before = min(before, _left(fitted, records))
     for n in range(most + STEP, MOST_UNASKED + 1, STEP):
         found = default_candidates(records, structures[0], n)
         more = tuple(one for one in found if one.common_poles in range(most + STEP, n + 1, STEP))
         if not more or more[-1].common_poles < n:
             return None
-        if more[-1].zeros != n and may_have_direct_part(records):
+        if more[-1].zeros != n and direct:
             more = (*more, replace(more[-1], zeros=n))
         fullest = run_task(CandidateTask(records, more[-1], method, shared=False))
         left = _left(fullest, records)

@@ -65,7 +65,10 @@ JITTER = 0.05
 
 @dataclass(frozen=True)
 class Wanted:
-    """What is to become a record; see `read_record`, whose arguments these are."""
+    """What is to become a record; see `read_record`, whose arguments these are.
+
+    With ``inputs_alone`` there are no outputs to read: the inputs stand in their place.
+    """
 
     inputs: Sequence[str]
     outputs: Sequence[str]
@@ -78,10 +81,12 @@ class Wanted:
     instants: Instants = "auto"
     references: Sequence[str] = ()
     reference_intersample: Intersample | None = None
+    inputs_alone: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "inputs", _as_names("input", self.inputs))
-        object.__setattr__(self, "outputs", _as_names("output", self.outputs))
+        if not self.inputs_alone:
+            object.__setattr__(self, "outputs", _as_names("output", self.outputs))
         object.__setattr__(self, "references", _as_names("reference", self.references))
         if self.instants not in ("auto", "outputs", "all"):
             raise OptionError.found(
@@ -138,14 +143,14 @@ def record_from(source: OpenFile, wanted: Wanted, name: str) -> Record:
         first, last = sample_range(t, wanted.start, wanted.stop)
     record = Record(
         _stack(values[:n_inputs], first, last),
-        _stack(values[n_driving:], first, last),
+        _stack(values[n_driving:] or values[:n_inputs], first, last),
         t=t[first:last],
         intersample=wanted.intersample,
         reference=_stack(values[n_inputs:n_driving], first, last) if wanted.references else None,
         reference_names=names[n_inputs:n_driving],
         reference_intersample=wanted.reference_intersample,
         input_names=names[:n_inputs],
-        output_names=names[n_driving:],
+        output_names=names[n_driving:] or [f"{name} itself" for name in names[:n_inputs]],
         units=_kept_units(dict(zip(names, channels, strict=True)), clock, units),
         name=name,
     )
@@ -389,7 +394,7 @@ def _one_time_base(
     slack = TIME_TOLERANCE * min(float(t[-1] - t[0]) / (len(t) - 1) for t in times)
     t = _merged(times, slack)
     if wanted.instants == "outputs" or (wanted.instants == "auto" and uniform_step(t) is None):
-        t = _merged(times[driving:], slack)
+        t = _merged(times[driving:] or times, slack)
     low = max(time[0] for time in times[:driving]) - slack
     high = min(time[-1] for time in times[:driving]) + slack
     t = t[(t >= low) & (t <= high)]
