@@ -38,6 +38,7 @@ from tridentify.judgement.causes.parallel import Parallel, WhitenedFit, p_value,
 from tridentify.judgement.causes.wild_beginning import without_wild_beginning
 from tridentify.judgement.cautions.sensors import seen_in
 from tridentify.judgement.cautions.tones import tone_finding
+from tridentify.judgement.choice import listed
 from tridentify.judgement.selection import hankel_values
 from tridentify.numerics.arrays import Array
 from tridentify.record.checks.samples import Behaviour
@@ -150,7 +151,7 @@ def advise(records: Record | Sequence[Record]) -> Advice:
     >>> [finding.code for finding in found.findings], found.findings[0].times
     (['bad-samples'], (15.0,))
     """
-    given = [records] if isinstance(records, Record) else list(records)
+    given = listed(records)
     check_surveyed(given)
     first = given[0]
     for i, name in enumerate(first.output_names):
@@ -419,15 +420,14 @@ def _of_noise(record: Record, output: _Output) -> list[Finding]:
     name, found = record.output_names[output.index], []
     chance = feedback_seen(output.parallel, output.fit)
     if chance < FEEDBACK:
-        told = f"below {UNDERFLOW:g}" if chance < UNDERFLOW else f"{chance:.1g}"
         found.append(
             Finding(
                 "feedback",
                 "warning",
-                f"What past inputs leave of {name} is explained by present and later ones "
-                f"(probability by chance {told}): the input reacts to the "
-                "output, its clock is late, or the system has a direct part (as many zeros as "
-                "poles).",
+                f"Present and later inputs explain what past ones leave of {name} (by chance "
+                f"{'below ' * (chance < UNDERFLOW)}{max(chance, UNDERFLOW):.1g}): the input reacts "
+                "to the output, its clock is late, or the system has a direct part (as many zeros "
+                "as poles).",
                 OPEN_LOOP if record.reference is None else BY_REFERENCE,
                 (name,),
             )

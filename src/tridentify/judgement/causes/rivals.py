@@ -40,6 +40,8 @@ AFFINE = 1e-3
 noise of a measured input of two levels."""
 
 
+ALONG = "Estimate a drift along (drift=True; --drift yes)."
+"""What to do where a line explains a drift."""
 STICKS = 0.05
 """Share of the usual speed below which dry friction holds what moves, and does not brake it."""
 
@@ -227,7 +229,7 @@ def drift_rivals(present: Present) -> Iterator[Rival]:
             "drift",
             other,
             "a drift of the output",
-            "Estimate a drift along (drift=True; --drift yes).",
+            ALONG,
         )
 
 

@@ -15,6 +15,7 @@ from tridentify.estimation.answer.finding import SEVERITIES, Finding, joined, sa
 from tridentify.judgement.causes.fewer import order_findings
 from tridentify.judgement.causes.first_samples import Predictions
 from tridentify.judgement.causes.intersample import Behaviours, intersample_findings
+from tridentify.judgement.causes.rivals import ALONG
 from tridentify.judgement.causes.told_apart import loop_findings
 from tridentify.judgement.cautions.coefficients import coefficient_findings
 from tridentify.judgement.cautions.levels import level_findings
@@ -102,8 +103,12 @@ def judged(
     explained = any(one.code in EXPLAIN and one.matters for one in tested)
     if not explained:  # what rings on because a response is missing is no tone from outside
         found += tone_findings(estimate, records, known)
-    first = [*([] if explained else far_likelier(estimate)), *_with_trial(seen, tested)]
-    return joined(first, tested, [*found, *seen])
+    first = [] if explained else far_likelier(estimate)
+    if first and any(one.remedy == ALONG for one in tested):
+        # the line that was fitted along is what was not recorded
+        tested = [replace(one, severity="error") if one.remedy == ALONG else one for one in tested]
+        first = []
+    return joined([*first, *_with_trial(seen, tested)], tested, [*found, *seen])
 
 
 EXPLAIN = ("intersample", "delay", "feedback", "saturation", "order-low")

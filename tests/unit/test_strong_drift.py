@@ -1,0 +1,31 @@
+"""An output that drifts by several of its standard deviations: the drift is what is told first."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tridentify import Record, Structure, TransferFunction, advise, identify, simulate
+from tridentify.errors import DataError
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_drift_that_was_fitted_is_told_before_another_noise(seed):
+    """The other model of the noise is likelier since it makes up for the drift."""
+    rng = np.random.default_rng([823, seed])
+    u = np.repeat(rng.choice([-1.0, 1.0], 66), 6)
+    model = TransferFunction([2.0, 16.0], [1.0, 2.4, 16.0])
+    clean = simulate(model, Record(u, u, dt=0.05))[:, 0]
+    noise = 0.1 * clean.std() * rng.standard_normal(u.size)
+    record = Record(u, clean + noise + np.linspace(0.0, 6.0, u.size) * clean.std(), dt=0.05)
+    found = identify(record, Structure(2, 1))
+    first = found.findings[0]
+    assert (first.code, first.severity) == ("drift", "error")
+    assert "fit of y from" in first.effect
+    better = identify(record, Structure(2, 1, drift=True))
+    assert np.all(np.abs(better.theta - [2.4, 16.0, 2.0, 16.0]) < 4.0 * better.std)
+
+
+def test_what_is_no_record_is_told_by_advise_too():
+    with pytest.raises(DataError, match="found int in place of a record"):
+        advise(3)
