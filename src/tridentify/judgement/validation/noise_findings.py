@@ -16,8 +16,8 @@ WEIGHED = "mark them as missing where they are wrong; the robust loss gives them
 """What to do about bad samples under the squared loss, and under one that does so already."""
 
 SET_IN = (
-    "record what acts there (a door, a load, a gust) as an input, or identify stretches without it; "
-    "look whether rows of the file are missing there"
+    "record what acts there (a door, a load, a gust) as an input, or identify stretches without "
+    "it; look whether rows of the file are missing there"
 )
 """What to do about disturbances that are seen to set in."""
 
