@@ -21,6 +21,7 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
 from tridentify.record.checks.samples import Intersample
+from tridentify.record.formats.assemble import InputsAlone
 from tridentify.record.record import Record
 from tridentify.writing.files import write_atomically
 
@@ -57,7 +58,7 @@ def simulate_file(
     stated = found.intersample if isinstance(found, Estimate) else None
     between = cast("Intersample", stated) if reading.intersample is None else None
     source = reading.source([file], columns, found.output_names, between)
-    source = replace(source, wanted=replace(source.wanted, outputs=(), inputs_alone=True))
+    source = replace(source, wanted=InputsAlone(**{**vars(source.wanted), "outputs": ()}))
     with Activity() as activity:
         records = Work(activity, None).records(source)
         if len(records) != 1:

@@ -114,10 +114,11 @@ def load_kernels(say: Callable[[str], None] = lambda what: None) -> tuple[Module
     from tridentify.estimation.posterior import compiled_triangles
 
     say("steps")
-    from tridentify.estimation.likelihood import compiled_descent
+    from tridentify.estimation.likelihood import compiled_descent, compiled_proposal
 
     numerics = incomplete_kernels, crossing, driven, long_recursions, whitening
-    return *first, *numerics, compiled_whitening, compiled_triangles, compiled_descent
+    steps = compiled_proposal, compiled_descent
+    return *first, *numerics, compiled_whitening, compiled_triangles, *steps
 
 
 def _is_new(module: ModuleType) -> bool:

@@ -37,6 +37,7 @@ from tridentify.judgement.cautions.coefficients import coefficient_findings
 from tridentify.judgement.direct import about_direct, predictor_findings
 from tridentify.judgement.validation.reacting_reference import reference_findings
 from tridentify.record.checks.samples import Behaviour
+from tridentify.record.long_record import LongRecord
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 from tridentify.writing.layout import as_call
@@ -204,6 +205,8 @@ def listed(records: Record | Sequence[Record]) -> list[Record]:
     """
     if isinstance(records, Record):
         return [records]
+    if isinstance(records, LongRecord):
+        iter(records)  # it says itself that it is none in memory
     if isinstance(records, str | os.PathLike):
         raise _not_read(f"the file {shown(str(records))}", "read_record(file")
     if hasattr(records, "columns"):

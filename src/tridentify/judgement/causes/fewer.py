@@ -270,8 +270,8 @@ def _fitted(estimate: Estimate, records: Sequence[Record]) -> _Fitted | None:
 def _smallest(fitted: _Fitted, order: int) -> tuple[int, Zeros, Attempt] | None:
     """The smallest structure that does as well, and its fit; None where there is none."""
     present, base = fitted.present, fitted.end
-    for fewer in range(max(order - 2, 1), order):
-        zeros = _zeros(present.zeros, order, fewer)
+    orders = range(max(order - 2, 1), order)
+    for fewer, zeros in ((n, own) for n in orders for own in _zeros(present.zeros, order, n)):
         try:
             smaller = replace(present, order=fewer, zeros=zeros).problem()
         except TridentifyError:
@@ -287,11 +287,15 @@ def _smallest(fitted: _Fitted, order: int) -> tuple[int, Zeros, Attempt] | None:
     return None
 
 
-def _zeros(zeros: Zeros, order: int, fewer: int) -> Zeros:
-    """As many zeros fewer; as many as poles only where that was so."""
-    return tuple(
-        tuple(max(min(m - (order - fewer), fewer - (m < order)), 0) for m in row) for row in zeros
-    )
+def _zeros(zeros: Zeros, order: int, fewer: int) -> tuple[Zeros, ...]:
+    """As many zeros fewer, and none fewer; as many as poles only where that was so."""
+
+    def without(less: int) -> Zeros:
+        return tuple(
+            tuple(max(min(m - less, fewer - (m < order)), 0) for m in row) for row in zeros
+        )
+
+    return tuple(dict.fromkeys((without(order - fewer), without(0))))
 
 
 def _starts(poles: Complex, less: int) -> Iterator[Complex]:

@@ -312,10 +312,7 @@ class _Tests:
         if self.scale < CALLED:
             # noise that changes its size has far samples and uncertain correlations
             plain = _levelled(self._output, plain, self.edges)
-        found = distribution(self._output.name, plain, self._times, self._rate, self.noise)
-        # no sample is wrong where a disturbance sets in
-        alone = [row for row in found.outliers if not np.any(np.all(row == found.shocks, axis=1))]
-        return replace(found, outliers=np.reshape(alone, (-1, 3)))
+        return distribution(self._output.name, plain, self._times, self._rate, self.noise)
 
     @cached_property
     def whiteness(self) -> Portmanteau:

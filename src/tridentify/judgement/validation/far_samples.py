@@ -41,7 +41,16 @@ def with_outliers(one: Evidence, rows: Array) -> Evidence:
 
 
 def with_bad_samples_alone(view: View, found: Evidence) -> Evidence:
-    """Without far samples that follow a jump of a held input: there the model misses something."""
+    """Without far samples that follow a jump of a held input: there the model misses something.
+
+    Nor is a sample wrong where a disturbance sets in, which a response to a jump is not.
+    """
+    shocks = found.normality.shocks
+    if len(shocks):
+        shocks = shocks[~after_a_jump(view, shocks, chance=1.0)]
+        far = found.normality.outliers
+        alone = far[[not np.any(np.all(row == shocks, axis=1)) for row in far]]
+        found = found.having(normality=replace(found.normality, outliers=alone, shocks=shocks))
     rows = found.normality.outliers
     follow = after_a_jump(view, rows)
     if not follow.any() or 1.0 - np.mean(follow) > MOSTLY_ALONE:

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, cast
+from typing import ClassVar, Literal, cast
 
 import numpy as np
 
@@ -65,10 +65,7 @@ JITTER = 0.05
 
 @dataclass(frozen=True)
 class Wanted:
-    """What is to become a record; see `read_record`, whose arguments these are.
-
-    With ``inputs_alone`` there are no outputs to read: the inputs stand in their place.
-    """
+    """What is to become a record; see `read_record`, whose arguments these are."""
 
     inputs: Sequence[str]
     outputs: Sequence[str]
@@ -81,17 +78,23 @@ class Wanted:
     instants: Instants = "auto"
     references: Sequence[str] = ()
     reference_intersample: Intersample | None = None
-    inputs_alone: bool = False
+    needs_outputs: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "inputs", _as_names("input", self.inputs))
-        if not self.inputs_alone:
+        if self.needs_outputs:
             object.__setattr__(self, "outputs", _as_names("output", self.outputs))
         object.__setattr__(self, "references", _as_names("reference", self.references))
         if self.instants not in ("auto", "outputs", "all"):
             raise OptionError.found(
                 "instants=", self.instants, "'auto', 'outputs' or 'all'", "choose one"
             )
+
+
+class InputsAlone(Wanted):
+    """The same where there are no outputs to read: the inputs stand in their place."""
+
+    needs_outputs = False
 
 
 def _as_names(kind: str, names: Sequence[str]) -> tuple[str, ...]:
