@@ -8,7 +8,8 @@ import json
 import numpy as np
 import pytest
 
-from tridentify import Record, Structure, identify, simulate
+from tridentify import Record, Structure, TransferFunction, identify, simulate
+from tridentify.export import write_json
 
 pytestmark = pytest.mark.unjudged
 
@@ -47,6 +48,15 @@ def test_outputs_are_those_of_the_model_for_inputs_alone(run, place):
     assert rows((folder / "predicted.csv").read_text(encoding="utf-8"))[1].shape == table.shape
     document = run("simulate", folder / "model.json", folder / "inputs.csv", "--json")
     assert np.allclose(json.loads(document.out)["outputs"]["q"], table[:, 1])
+
+
+def test_a_model_that_was_not_identified_is_simulated_too(run, place):
+    folder, record = place
+    model = TransferFunction([2.0], [1.0, 3.0], delay=0.04)
+    write_json(model, folder / "plain.json")
+    outcome = run("simulate", folder / "plain.json", folder / "inputs.csv", "--input", "elevator")
+    assert outcome.code == 0, outcome.err
+    assert np.allclose(rows(outcome.out)[1][:, 1:], simulate(model, record), rtol=1e-9, atol=1e-12)
 
 
 def test_what_cannot_be_simulated_is_told_in_one_line(run, place, table_at):

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, cast
@@ -19,10 +16,9 @@ from tridentify.cli.work import Work, describe_files
 from tridentify.errors import OptionError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.models.simulate import simulate
-from tridentify.numerics.arrays import Array
 from tridentify.record.checks.samples import Intersample
 from tridentify.record.formats.assemble import InputsAlone
-from tridentify.record.record import Record
+from tridentify.writing.columns import columns_over_time
 from tridentify.writing.files import write_atomically
 
 
@@ -55,7 +51,7 @@ def simulate_file(
 
     found = read_json(model_file(model, "tridentify simulate result/model.json flight.csv", [file]))
     columns = columns_of("input", inputs, found.input_names)
-    stated = found.intersample if isinstance(found, Estimate) else None
+    stated = found.intersample if isinstance(found, Estimate) else "auto"
     between = cast("Intersample", stated) if reading.intersample is None else None
     source = reading.source([file], columns, found.output_names, between)
     source = replace(source, wanted=InputsAlone(**{**vars(source.wanted), "outputs": ()}))
@@ -72,7 +68,7 @@ def simulate_file(
         show_json({"model": str(model), "time": record.t.tolist(), "outputs": rows})
         return
     units = found.units if isinstance(found, Estimate) else None
-    text = _table(plant.output_names, units or {}, record, y)
+    text = columns_over_time(record.t, y, plant.output_names, units or {})
     if out is None:
         typer.echo(text, nl=False)
         return
@@ -81,13 +77,3 @@ def simulate_file(
         show_json({"model": str(model), "files": [str(path) for path in written]})
     else:
         show(*describe_files(written))
-
-
-def _table(names: Sequence[str], units: Mapping[str, str], record: Record, y: Array) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    heads = [f"{name} [{units[name]}]" if units.get(name) else name for name in names]
-    writer.writerow(["t [s]", *heads])
-    for t, row in zip(record.t.tolist(), y.tolist(), strict=True):
-        writer.writerow([f"{t:.12g}", *map(repr, row)])
-    return text.getvalue()

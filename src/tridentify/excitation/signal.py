@@ -6,8 +6,6 @@ says how much power an input brings: a held binary signal has 1, a sine 1.41, no
 
 from __future__ import annotations
 
-import csv
-import io
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -24,6 +22,7 @@ from tridentify.numerics.arrays import Array
 from tridentify.record.checks.names import check_units
 from tridentify.record.checks.samples import Intersample, channel_names
 from tridentify.record.record import Record
+from tridentify.writing.columns import columns_over_time
 from tridentify.writing.files import write_atomically
 from tridentify.writing.layout import format_table, html_table
 from tridentify.writing.notebook import sparkline
@@ -275,17 +274,8 @@ class Excitation:
         OutputPathError
             The file cannot be written; nothing is left behind.
         """
-        units = self.units or {}
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        heads = [
-            f"{name} [{units[name]}]" if units.get(name) else name for name in self.input_names
-        ]
-        writer.writerow(["t [s]", *heads])
-        # t is rounded to 12 digits of the step: 0.3, not 0.30000000000000004
-        for t, row in zip(self.t.tolist(), self.u.tolist(), strict=True):
-            writer.writerow([f"{t:.12g}", *map(repr, row)])
-        return write_atomically(path, text.getvalue())
+        text = columns_over_time(self.t, self.u, self.input_names, self.units or {})
+        return write_atomically(path, text)
 
     def _rows(self) -> list[tuple[str, ...]]:
         units = self.units or {}
