@@ -11,6 +11,18 @@ pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
 from in_browser import expect, flight, serving, tab, table
 
+HELD_SESSION = """() => {
+  const real = fetch;
+  window.fetch = async (path, request) => {
+    const answer = await real(path, request);
+    if (path === "/api/session" && !window.release) {
+      await new Promise((resolve) => { window.release = resolve; });
+    }
+    return answer;
+  };
+}"""
+"""The server's next answer about the session arrives when `release()` is called."""
+
 
 @pytest.mark.slow
 def test_a_file_that_is_changed_on_disk_is_told_as_it_happens(browser, flights, tmp_path):
@@ -91,6 +103,23 @@ def test_a_refusal_goes_when_another_record_is_looked_at_or_something_succeeds(b
         seen.told("No channel is an input")
         seen.use("elevator", "input")
         expect(messages).to_have_count(0)
+
+
+def test_a_session_from_before_a_change_does_not_undo_it_on_the_page(seen):
+    """The window comes to the front, and before its answer arrives a channel is used otherwise."""
+    seen.open("first.csv")
+    seen.page.evaluate(HELD_SESSION)
+    seen.page.evaluate("dispatchEvent(new Event('focus'))")
+    while not seen.page.evaluate("Boolean(window.release)"):
+        seen.page.wait_for_timeout(20)
+    seen.use("elevator", "output")
+    seen.page.evaluate("release()")
+    seen.at_rest()
+    seen.use("q", "input")
+    card = seen.page.locator(".card.record.current")
+    expect(card.locator(".bad")).to_contain_text("elevator was moved and q answered")
+    seen.use("q", "output")
+    seen.use("elevator", "input")
 
 
 def test_files_that_are_no_records_are_each_named(seen):

@@ -22,8 +22,24 @@ export async function attempt(work) {
 }
 
 // ---------------------------------------------------------------- session
+let changing = Promise.resolve(); // settles when every change that was sent is answered
+
+/** The session as the server holds it: an answer from before a change of this page is none. */
 export async function loadSession() {
-  take(await get("/session"));
+  let session;
+  let awaited;
+  do {
+    awaited = changing;
+    await awaited;
+    session = await get("/session");
+  } while (awaited !== changing);
+  take(session);
+}
+
+/** Sends a change, which a session asked for meanwhile has to hold. */
+function sent(change) {
+  changing = Promise.allSettled([changing, change]);
+  return change;
 }
 
 /** Takes over a session of the server, and looks at what is still there. */
@@ -141,7 +157,7 @@ export async function changeRecord(id, changes) {
   const before = begun(id, changes);
   const done = passing(); // an estimate that is refused meanwhile has its own word
   return attempt(async () => {
-    const card = await patch(`/records/${id}`, changes).catch(refused);
+    const card = await sent(patch(`/records/${id}`, changes)).catch(refused);
     done();
     changed(card, before);
     return card;
@@ -338,5 +354,5 @@ export async function dropModel(id) {
 
 /** Asks whether the server is still there and what has changed without this tab. */
 export async function check() {
-  await attempt(async () => take(await get("/session")));
+  await attempt(loadSession);
 }
