@@ -108,3 +108,20 @@ def test_an_input_that_rests_at_nothing_is_not_cut_off():
     y = by_modes(np.array([0.5]), np.array([1.0, 0.25]), measured, 1.0)
     y += 0.01 * rng.standard_normal(600)
     assert "saturation" in codes(Record(measured, y, dt=1.0), Structure(1, 0))
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.fast("1")
+def test_an_encoder_of_a_drive_that_friction_stops_has_not_hung(seed):
+    """It leaves standstill by several of its steps at once, and goes on from where it stood."""
+    n, dt, gain, tau, step = 2000, 0.005, 2.0, 0.08, 2.0 * np.pi / 1000.0
+    u = np.repeat(np.random.default_rng([seed, 7]).choice([-60.0, -30.0, 0.0, 30.0, 60.0], 80), 25)
+    angle, speed, y = 0.0, 0.0, np.empty(n)
+    for k in range(n):
+        y[k] = step * round(angle / step)
+        for _ in range(5):
+            speed += dt / 5 * (gain * u[k] - 6.0 * np.tanh(speed / 0.5) - speed) / tau
+            angle += dt / 5 * speed
+    found = codes(Record(u, y, dt=dt), Structure(2, 0, fixed={"a0": 0.0}))
+    assert "stuck-sensor" not in found
+    assert found[0] == "nonlinear"

@@ -45,6 +45,21 @@ def test_jitter_keeps_the_noise_model(uniform):
 
 
 @pytest.mark.judged
+@pytest.mark.judged
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.fast("0")
+def test_what_a_noise_model_stands_for_is_no_objection(seed):
+    """Stamps that jitter leave the noise its model, and the residual is judged by it."""
+    rng = np.random.default_rng([seed, 63])
+    t = 0.05 * (np.arange(600) + 0.005 * rng.uniform(-1.0, 1.0, 600))
+    u = np.repeat(rng.choice([-1.0, 1.0], 50), 12)
+    y = simulate(TransferFunction([8.0], [1.0, 1.2, 16.0]), Record(u, np.zeros(600), t=t))[:, 0]
+    noise = lfilter([1.0], [1.0, -0.9], rng.standard_normal(600))
+    found = identify(Record(u, y + 0.15 * y.std() / noise.std() * noise, t=t), Structure(2, 0))
+    assert found.noise_model[0].size > 0
+    assert not [one.code for one in found.findings if one.matters]
+
+
 @pytest.mark.parametrize("intersample", ["zoh", "foh"])
 @pytest.mark.fast("zoh")
 def test_lost_rows_are_missing_samples(intersample):

@@ -40,6 +40,9 @@ FEW_VALUES = 10_000
 """Samples that are looked at first: where they have no step, the others need not be sorted."""
 LARGER = 10.0
 """Times the smallest difference of two values beyond which there is no step."""
+MOSTLY_ROUNDING = 1.25
+"""Of the variance of rounding, a twelfth of the squared step, up to which a residual is little
+else: what is beside it is an eighth of a step."""
 
 
 class Runs(NamedTuple):
@@ -119,6 +122,32 @@ def within_a_step(values: Sequence[Array], residuals: Sequence[Array], part: flo
     return all(
         0.0 < float(np.nanmax(np.abs(left), initial=0.0)) <= part * quantum(one)
         for one, left in zip(values, residuals, strict=True)
+    )
+
+
+def is_mostly_rounding(values: Sequence[Array], residuals: Sequence[Array]) -> bool:
+    """Whether what a response leaves has the size of rounding, and no sample more than a step.
+
+    Rounding leaves a twelfth of the squared step. Where it is nearly all of a residual it depends
+    on the signal, and so looks like many causes.
+
+    Parameters
+    ----------
+    values, residuals : sequence of (N,) arrays
+        ``nan`` marks a missing sample.
+
+    Examples
+    --------
+    >>> signal = 3.0 + np.sin(0.1 * np.arange(100.0))
+    >>> seen = 0.2 * np.round(signal / 0.2)
+    >>> left = seen - signal
+    >>> is_mostly_rounding([seen], [left]), is_mostly_rounding([seen], [1.3 * left])
+    (True, False)
+    """
+    pairs = zip(values, residuals, strict=True)
+    return within_a_step(values, residuals) and all(
+        float(np.nanmean(left**2)) <= MOSTLY_ROUNDING * quantum(one) ** 2 / 12.0
+        for one, left in pairs
     )
 
 

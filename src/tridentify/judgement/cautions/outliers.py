@@ -23,6 +23,7 @@ from tridentify.judgement.validation.distribution import QUANTILE, SMALL_SAMPLE,
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.converter import within_a_step
+from tridentify.numerics.local_size import changes_size, over_local_size
 from tridentify.numerics.quantiles import median, quantiles, root_mean_square
 from tridentify.numerics.robust import median_scale
 from tridentify.record.record import Record
@@ -79,9 +80,8 @@ def outlier_findings(
     found = []
     for i, name in enumerate(estimate.output_names):
         series = [one[:, i] for one in residuals]
-        places, farthest = _outliers(series)
-        if not places and estimate.noise_model[i].size:
-            places, farthest = spikes(series, estimate.noise_model[i])
+        a = estimate.noise_model[i]
+        places, farthest = _far_samples(series, a)
         count = len(places)
         if not count or within_a_step([record.y[:, i] for record in records], series):
             continue
@@ -118,30 +118,41 @@ def _at(places: Sequence[tuple[int, int]], times: Sequence[float], n_experiments
     return f"at {', '.join(said[:MOST_NAMED])}{more}"
 
 
-def _outliers(series: Sequence[Array]) -> tuple[list[tuple[int, int]], float]:
+def _far_samples(series: Sequence[Array], a: Array) -> tuple[list[tuple[int, int]], float]:
     """Their (experiment, sample), and the distance of the farthest in standard deviations."""
     joined = np.concatenate(series)
     seen = joined[np.isfinite(joined)]
-    if seen.size < FEWEST or _clearly_none(seen):
+    if seen.size < FEWEST or (not a.size and _clearly_none(seen)):
         return [], 0.0
     middle = median(seen)
     size = np.abs(seen - middle)
     scale = _scale(size)
-    if scale == 0:
+    if scale == 0 or not (a.size or size.max() / scale > _limit(seen.size)):
         return [], 0.0
-    limit = _limit(seen.size)
-    places, alone = [], 0
-    if not size.max() / scale > limit:
-        return [], 0.0
+    left = [_from_neighbours(one - middle, _taps(a)) for one in series]
+    if not any(changes_size(one) for one in left):
+        places, farthest = _outliers(series, middle, scale)
+        return (places, farthest) if places or not a.size else spikes(series, a)
+    limit = -float(ndtri(FALSE_ALARMS / seen.size / 2))
+    even = [np.nan_to_num(over_local_size(one)) for one in left]
+    places = [(e, int(k)) for e, one in enumerate(even) for k in np.flatnonzero(abs(one) > limit)]
+    return places, max((abs(float(series[e][k]) - middle) / scale for e, k in places), default=0.0)
+
+
+def _outliers(
+    series: Sequence[Array], middle: float, scale: float
+) -> tuple[list[tuple[int, int]], float]:
+    """Those that stand alone, where the noise is of one size."""
+    limit = _limit(sum(int(np.isfinite(one).sum()) for one in series))
+    places, alone, farthest = [], 0, 0.0
     for e, one in enumerate(series):
         far = np.nan_to_num(np.abs(one - middle) / scale)
         padded = np.concatenate([[0.0], far, [0.0]])
         beside = np.maximum(padded[:-2], padded[2:])
         places += [(e, int(k)) for k in np.flatnonzero(far > limit)]
         alone += int(np.sum((far > limit) & (beside < SHARE * far)))
-    if 2 * alone < max(len(places), 1):
-        return [], 0.0
-    return places, float(size.max()) / scale
+        farthest = max(farthest, float(far.max(initial=0.0)))
+    return ([], 0.0) if 2 * alone < max(len(places), 1) else (places, farthest)
 
 
 def spikes(series: Sequence[Array], a: Array) -> tuple[list[tuple[int, int]], float]:
@@ -166,8 +177,7 @@ def spikes(series: Sequence[Array], a: Array) -> tuple[list[tuple[int, int]], fl
     farthest : float
         In standard deviations of what is left of the others.
     """
-    whole = np.concatenate([[1.0], a])
-    taps = np.correlate(whole, whole, "full") / float(whole @ whole)
+    taps = _taps(a)
     parts = [_from_neighbours(one, taps) for one in series]
     seen = np.concatenate([one[np.isfinite(one)] for one in parts])
     if seen.size < FEWEST:
@@ -195,6 +205,12 @@ def spikes(series: Sequence[Array], a: Array) -> tuple[list[tuple[int, int]], fl
         for here in places
     )
     return (sorted(places), farthest) if places and 2 * apart >= len(places) else ([], 0.0)
+
+
+def _taps(a: Array) -> Array:
+    """What takes from a sample all that its neighbours on both sides tell of it."""
+    whole = np.concatenate([[1.0], a])
+    return np.asarray(np.correlate(whole, whole, "full") / float(whole @ whole))
 
 
 def _sets_in(series: Array, k: int, a: Array) -> bool:

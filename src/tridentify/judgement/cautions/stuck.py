@@ -31,6 +31,9 @@ white noise: at half a step its error depends on the signal by less than a hundr
 JUMP = 1e-3
 """Share of the range by which a value must be entered to have been jumped at, and not
 approached."""
+STOOD = 0.5
+"""Share of the way that the model went meanwhile within which what comes next goes on from where
+the output stood: one that hung would be at its end."""
 FEWEST_HANGING = 5
 """Equal samples in a row below which a sensor has not hung."""
 SMOOTHLY = 2.5
@@ -188,7 +191,7 @@ def hanging(
             continue
         if _at_rest(y, u, int(first), int(length)):
             continue
-        if q and _goes_on(y, f, int(first), int(length), MOVED * quick, q):
+        if _goes_on(y, f, int(first), int(length), MOVED * quick, q):
             continue
         part = f[first : first + length]
         frozen = restless and not np.ptp(u[first : first + length], axis=0).any()
@@ -253,15 +256,22 @@ def coded(y: Array, name: str) -> Seen | None:
 
 
 def _goes_on(y: Array, f: Array, first: int, length: int, much: float, q: float) -> bool:
-    """Whether a value is left by a step of the converter although the model has gone elsewhere.
+    """Whether the output goes on from where it stood although the model has gone elsewhere.
 
     After a sensor has hung the output jumps to where it would be. One that goes on from where it
-    stood has stood still: it sticks, or its input is too small to move it.
+    stood, by a step of the converter or less than half of the way that the model went, has stood
+    still: it sticks, or its input is too small to move it.
     """
     after = first + length
-    if not _left_by_steps(y, after, q):
+    if after >= y.size or not np.isfinite(y[after]):
         return False
-    return abs(float(f[after] - f[first])) > much + SMOOTHLY * q
+    far = much + SMOOTHLY * q
+    went = abs(float(f[after] - f[first]))
+    if went > far and _left_by_steps(y, after, q):
+        return True
+    came, comes = y[first - 1] - f[first - 1], y[after] - f[after]
+    behind = abs(float(comes - came)) > far
+    return behind and abs(float(y[after] - y[after - 1])) < STOOD * went
 
 
 def _left_by_steps(y: Array, after: int, q: float) -> bool:

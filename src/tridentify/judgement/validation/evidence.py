@@ -50,6 +50,7 @@ from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import most_coefficients
 from tridentify.numerics.kept import cached_property
 from tridentify.numerics.lagrange import added_each, span
+from tridentify.numerics.local_size import over_local_size
 from tridentify.numerics.portmanteau import (
     Autocorrelation,
     Portmanteau,
@@ -57,7 +58,6 @@ from tridentify.numerics.portmanteau import (
     portmanteau,
 )
 from tridentify.numerics.quantiles import median
-from tridentify.numerics.robust import median_scale
 
 PRETEST = 0.05
 """p-value of whiteness up to which a noise model is fitted before other tests."""
@@ -311,14 +311,14 @@ class _Tests:
         plain = self._plain
         if self.scale < CALLED:
             # noise that changes its size has far samples and uncertain correlations
-            plain = _levelled(self._output, plain, self.edges)
+            plain = tuple(over_local_size(own) for own in plain)
         return distribution(self._output.name, plain, self._times, self._rate, self.noise)
 
     @cached_property
     def whiteness(self) -> Portmanteau:
         own, found = self._own, self.autocorrelation
         if self.scale < CALLED:
-            even = _levelled(self._output, self.innovations, self.edges)
+            even = [over_local_size(each) for each in self.innovations]
             own = np.nan_to_num(np.concatenate(even)), own[1]
             found = _autocorrelation(self._output, own, self._n_lags)
         return portmanteau(found, self._output.noise)
@@ -456,16 +456,6 @@ def _studentised(output: Output, e: Array, basis: Array) -> tuple[Array, ...]:
     scale = spread * np.sqrt(np.where(there, kept, 1.0))
     found = np.where(there, left / np.where(scale > 0, scale, 1.0), np.nan)
     return tuple(split(output, found))
-
-
-def _levelled(output: Output, plain: tuple[Array, ...], edges: Array) -> tuple[Array, ...]:
-    """Each stretch over its own size."""
-    joined = np.concatenate(plain)
-    for a, b in pairwise(edges.astype(int).tolist()):
-        seen = joined[a:b][np.isfinite(joined[a:b])]
-        size = median_scale(seen) if seen.size else 0.0
-        joined[a:b] /= size if size > 0 else 1.0
-    return tuple(split(output, joined))
 
 
 def _scale(output: Output, plain: tuple[Array, ...], own: Array) -> tuple[float, Array, Array]:

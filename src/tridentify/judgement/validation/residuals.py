@@ -28,7 +28,7 @@ from tridentify.estimation.likelihood.cost import Point
 from tridentify.estimation.likelihood.curvature import physical_map
 from tridentify.estimation.likelihood.linear_columns import free_states
 from tridentify.estimation.likelihood.nuisance import Nuisances, reference_of
-from tridentify.estimation.likelihood.raster import on_raster
+from tridentify.estimation.likelihood.raster import are_even, on_raster
 from tridentify.judgement.causes.first_samples import Predictions, beginning
 from tridentify.judgement.causes.revisit import point_of, stated
 from tridentify.models.response import Response
@@ -146,7 +146,12 @@ class View:
 
     @property
     def uneven(self) -> bool:
-        """Whether time is uneven in any record."""
+        """Whether time is uneven in any record, by more than a raster's jitter."""
+        return not are_even(self.records)
+
+    @property
+    def stamped(self) -> bool:
+        """Whether time is that of stamps in any record, even or not."""
         return any(record.dt is None for record in self.records)
 
 
@@ -351,8 +356,7 @@ def _set_free(point: Point, free: Array, output: int, values: dict[int, float]) 
 
 def _noise(estimate: Estimate, records: Sequence[Record], output: int) -> Array:
     """The estimate's noise model, where time is even enough for one."""
-    uneven = any(record.dt is None for record in records)
-    return np.zeros(0) if uneven else estimate.noise_model[output]
+    return estimate.noise_model[output] if are_even(records) else np.zeros(0)
 
 
 def root_of(estimate: Estimate) -> Array:

@@ -116,7 +116,7 @@ class TriedCauses:
 
 def torn_at(view: View) -> list[Place]:
     """Where rows may have been lost: the state of the model jumps there."""
-    if view.uneven:
+    if view.stamped:
         return []
     residuals = [
         np.stack([output.residual[e] for output in view.outputs], axis=1)
@@ -139,7 +139,7 @@ def may_react(view: View) -> bool:
 
 
 def _may_react(view: View) -> bool:
-    if view.uneven:
+    if view.stamped:
         return False
     inputs = Inputs.of(view.records)
     if inputs.commanded:
@@ -196,7 +196,7 @@ def try_causes(view: View, estimate: Estimate, n_lags: int, rate: float) -> Trie
         known = tried.explained
     outputs = range(len(view.outputs))
     bad = any(len(_examined(view, i, setting).normality.outliers) for i in outputs)
-    if bad and not view.uneven and forecasts_react(view.point, view.records):
+    if bad and not view.stamped and forecasts_react(view.point, view.records):
         # a fit that feedback has bent calls good samples bad, and hides it without them
         reacting = _tried(view, setting, False, known)
         if reacting.cause == "feedback":

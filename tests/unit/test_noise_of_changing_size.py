@@ -1,0 +1,71 @@
+"""Noise that changes its size: no samples are wrong, and nothing sets in."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tridentify import Record, Structure, TransferFunction, identify, simulate
+from tridentify.numerics.local_size import changes_size, over_local_size
+
+PLANT = TransferFunction([8.0], [1.0, 1.2, 16.0])
+WRONG = {"bad-samples", "drift", "lost-rows", "channel-changes"}
+N, DT = 600, 0.05
+
+
+def record(seed: int, sizes: np.ndarray, spikes: int = 0) -> Record:
+    rng = np.random.default_rng([seed, 41])
+    u = np.repeat(rng.choice([-1.0, 1.0], N // 12), 12)
+    y = simulate(PLANT, Record(u, np.zeros(N), dt=DT))[:, 0]
+    noise = 0.06 * y.std() * sizes * rng.standard_normal(N)
+    quiet = np.flatnonzero(sizes == sizes.min())
+    noise[rng.choice(quiet, spikes, replace=False)] += 2.0 * y.std()
+    return Record(u, y + noise, dt=DT)
+
+
+def burst(seed: int) -> np.ndarray:
+    """Eight times as large over an eighth of the record."""
+    first = int(np.random.default_rng([seed, 42]).integers(N // 8, 3 * N // 4))
+    return np.where((np.arange(N) >= first) & (np.arange(N) < first + N // 8), 8.0, 1.0)
+
+
+@pytest.mark.fast("5", "6")
+@pytest.mark.parametrize("seed", range(5, 15))
+def test_a_burst_of_noise_is_told_as_that(seed: int) -> None:
+    found = identify(record(seed, burst(seed)), Structure(2, 0)).findings
+    told = [one.code for one in found if one.matters]
+    assert not WRONG.intersection(told)
+    assert "noise-changes" in told
+
+
+@pytest.mark.fast("5")
+@pytest.mark.parametrize("seed", range(5, 11))
+def test_spikes_beside_a_burst_are_found(seed: int) -> None:
+    """What is not one of the spikes is not called one."""
+    spiked, clean = record(seed, burst(seed), spikes=3), record(seed, burst(seed))
+    (first, *_) = identify(spiked, Structure(2, 0)).findings
+    assert first.code == "bad-samples"
+    at = np.round(np.array(first.times) / DT).astype(int)
+    assert np.all(np.abs(spiked.y - clean.y)[at] > 0.0)
+
+
+def test_little_change_is_a_note() -> None:
+    sizes = np.where(np.arange(N) < N // 2, 1.0, 1.3)
+    found = [one for seed in range(3) for one in identify(record(seed, sizes), (2, 0)).findings]
+    assert not [one for one in found if one.code == "noise-changes" and one.matters]
+
+
+def test_over_its_local_size_noise_is_no_farther_than_a_normal_deviate() -> None:
+    rng = np.random.default_rng(8)
+    even = np.concatenate([over_local_size(rng.standard_normal(600)) for _ in range(200)])
+    assert np.mean(np.abs(even) > 3.0) < 0.0027
+    assert np.mean(np.abs(even) > 2.0) > 0.25 * 0.0455
+
+
+def test_missing_samples_and_short_records_pass() -> None:
+    noise = np.random.default_rng(9).standard_normal(100)
+    noise[[3, 50]] = np.nan
+    assert np.array_equal(np.isnan(over_local_size(noise)), np.isnan(noise))
+    assert np.array_equal(over_local_size(noise[4:14]), noise[4:14])
+    assert not changes_size(noise)
+    assert not changes_size(noise[4:14])
