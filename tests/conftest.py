@@ -11,6 +11,7 @@ from typing import Any
 
 import hypothesis
 import pytest
+from _pytest.doctest import DoctestModule
 
 from fast_cases import leave_the_others_to_the_slow_run
 from tridentify.estimation.answer.estimate import Estimate
@@ -45,6 +46,15 @@ def pytest_collection() -> Generator[None, object, object]:
         gc.collect()
         gc.freeze()
         gc.enable()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collect_file(file_path: Path) -> Generator[None, list[pytest.Collector], object]:
+    """Look for examples in docstrings of the package alone: a tenth of the time of collection."""
+    found = yield
+    if file_path.is_relative_to(REPOSITORY / "tests"):
+        return [one for one in found if not isinstance(one, DoctestModule)]
+    return found
 
 
 @pytest.hookimpl(tryfirst=True)

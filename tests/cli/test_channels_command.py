@@ -90,6 +90,7 @@ def test_no_time_is_told(run, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("columns", [1, 2500])
+@pytest.mark.fast("1")
 def test_names_of_any_length_are_cut_in_the_table(run, tmp_path: Path, columns: int) -> None:
     """One long name would make every row as wide as itself."""
     named = ["t", "u" * 20_000, *(f"c{k}" for k in range(columns))]

@@ -259,6 +259,7 @@ def test_units_that_do_not_go_together_are_refused(run, flight, units, says):
 
 
 @pytest.mark.parametrize("units", [["alpha=deg", "q=deg/s"], ["alpha=rad", "q=1/s"], ["q=rad/s"]])
+@pytest.mark.fast("units0")
 def test_units_that_go_together_are_taken(run, flight, units):
     words = [word for unit in units for word in ("--unit", unit)]
     options = ["--model", "short-period", "--input", "elevator", "--output", "alpha"]

@@ -258,11 +258,9 @@ def test_a_new_state_has_seen_nothing(key):
 @every_method
 @pytest.mark.fast(
     "three-model-one zero",
-    "three-model-two outputs",
-    "three-model-trimmed",
-    "gradient-two outputs",
     "least squares-two outputs",
     "kalman-two outputs",
+    "gradient-two outputs",
 )
 def test_running_is_folding_bit_for_bit(key, case, walked, tmp_path):
     method, record, run = walked

@@ -88,6 +88,7 @@ def test_it_is_refused_where_it_is_asked_for(method):
 
 
 @pytest.mark.unjudged
+@pytest.mark.slow
 def test_one_experiment_that_moves_is_enough():
     rng, r = np.random.default_rng(1), np.repeat([0.0, 1.0, -1.0, 1.0], 150)
 

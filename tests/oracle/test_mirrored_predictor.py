@@ -156,6 +156,7 @@ def test_intervals_hold_the_truth_and_two_experiments_know_more():
     assert np.all(np.abs(both.theta - truth) < 4.0 * both.std)
 
 
+@pytest.mark.slow
 def test_missing_outputs_do_not_matter():
     record = flown(9, [1.0, 0.5, -1.5])
     y = np.array(record.y)

@@ -400,6 +400,7 @@ def test_pictures_of_wild_estimates(made_up, tmp_path):
     assert len(save_study_figures(result, tmp_path)) == 2
 
 
+@pytest.mark.slow
 def test_pictures_load_no_pyplot():
     code = "import sys, tridentify.plots.study; assert 'matplotlib' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -88,6 +88,7 @@ def test_a_response_with_hardly_any_noise_has_no_bad_samples(noise):
     assert "bad-samples" in codes(advise(Record(u, y, dt=0.01)))
 
 
+@pytest.mark.slow
 def test_the_first_sample_but_two_may_be_bad(good):
     y = good.y[:, 0].copy()
     y[2] += 1.0

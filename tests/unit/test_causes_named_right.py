@@ -330,7 +330,7 @@ def battery(noise, seed):
 @pytest.mark.parametrize(
     "seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in range(2, 7))]
 )
-@pytest.mark.fast("1-fixed1")
+@pytest.mark.slow
 def test_noise_of_a_current_sensor_is_no_controller(seed, fixed):
     estimate = identify(battery(0.05, seed), Structure(2, 2, fixed=fixed), throw=False)
     assert estimate.status.ok

@@ -105,6 +105,14 @@ def noisy(model, t, intersample, seed=0):
 
 
 @pytest.mark.parametrize("name", CASES)
+@pytest.mark.fast(
+    "uneven and late",
+    "integrating",
+    "two outputs",
+    "two inputs",
+    "separate denominators",
+    "repeated poles",
+)
 def test_fits_are_those_of_a_dense_refit(name, responses):
     model, t, intersample, drift = CASES[name]
     record = noisy(model, t, intersample)

@@ -265,6 +265,7 @@ def test_findings_of_samples_and_noise():
     ],
     ids=lambda one: one.name,
 )
+@pytest.mark.fast("three-model", "kalman", "gradient", "recursive-least-squares")
 def test_three_inputs_and_three_outputs(method):
     rng = np.random.default_rng(16)
     u = rng.choice([-1.0, 1.0], (1000, 3)).repeat(4, 0)
@@ -295,6 +296,7 @@ def test_an_estimator_that_forgets_does_not_keep_its_samples_for_ever():
     assert len(kept_samples(state)) <= 2100
 
 
+@pytest.mark.slow
 def test_an_estimator_that_forgets_soon_keeps_none():
     assert fed(online.ThreeModel(forgetting=0.9), *samples(6, 2600)).stage.past == ()
 

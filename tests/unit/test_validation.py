@@ -335,6 +335,7 @@ def test_another_plant_is_told_from_another_noise(estimate):
     assert not other.ok
 
 
+@pytest.mark.slow
 def test_a_residual_that_a_wrong_plant_makes_large_is_not_called_noise(estimate):
     u = prbs(400, 24)
     found = validate(estimate, recorded(u, response(u, TransferFunction([3.0], [1.0, 2.0]))))
