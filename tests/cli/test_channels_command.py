@@ -103,6 +103,7 @@ def test_names_of_any_length_are_cut_in_the_table(run, tmp_path: Path, columns: 
     assert [entry["name"] for entry in listed] == named
 
 
+@pytest.mark.fast("csv", "npz")
 def test_channels_as_json(run, file: Path, columns) -> None:
     listed = json.loads(run("channels", file, "--json").out)["channels"]
     assert [entry["name"] for entry in listed] == ["time [ms]", "u [deg]", "y [deg/s]"]
@@ -121,6 +122,7 @@ def test_channels_as_json(run, file: Path, columns) -> None:
     }
 
 
+@pytest.mark.fast("csv", "npz")
 def test_identify_takes_the_file_and_its_units(run, file: Path) -> None:
     outcome = run(
         *("identify", file, "--input", "u", "--output", "y", "--poles", "1", "--zeros", "0"),

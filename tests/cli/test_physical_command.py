@@ -21,6 +21,8 @@ from tridentify.physical import (
     short_period,
 )
 
+pytestmark = pytest.mark.unjudged
+
 AIRCRAFT = {"Z_alpha": -0.98, "Z_delta": -0.055, "M_alpha": -8.0, "M_q": -0.91, "M_delta": -8.8}
 OSCILLATOR = {"m": 2.0, "c": 1.0, "k": 8.0}
 LADDER = {"R1": 1e4, "C1": 1e-7, "R2": 1e4, "C2": 2e-7}

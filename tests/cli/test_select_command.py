@@ -9,6 +9,8 @@ import pytest
 
 from tridentify import Estimate
 
+pytestmark = pytest.mark.unjudged
+
 QUESTION = ["--input", "elevator", "--output", "q"]
 FEW = ["--poles", "1:2", "--zeros", "all"]
 

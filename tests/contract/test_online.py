@@ -448,6 +448,9 @@ def test_the_covariance_is_one(key, case):
 
 @pytest.mark.parametrize("key", ["three-model", "least squares", "kalman"])
 @every_case
+@pytest.mark.fast(
+    "one zero-*", "two outputs-*", "trimmed-*", "late-*", "straight lines-*", "biproper-*"
+)
 def test_without_noise_the_truth(key, case, walked):
     _, _, run = walked
     truth = CASES[case].theta

@@ -227,6 +227,7 @@ def test_a_sensor_that_sticks_for_five_seconds(key):
 
 
 @every_method
+@pytest.mark.fast("three-model", "least squares", "kalman", "gradient")
 def test_an_output_that_rests_is_not_stuck(key):
     """Without noise and without input an output stands still: no sensor is to blame."""
     u = levels(3000)
@@ -604,7 +605,7 @@ def test_no_rate_blows_a_gradient_up(rate):
 
 
 @pytest.mark.parametrize("scale", [1e-12, 1e12])
-@pytest.mark.fast("1000000000000.0")
+@pytest.mark.slow
 def test_normalised_steps_do_not_know_the_size_of_the_signals(scale):
     u, y, _ = signals(20_000)
     plain = online.run(online.Gradient(), Record(u, y, dt=DT), ASKED, every=1e9).estimate

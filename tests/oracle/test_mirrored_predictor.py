@@ -134,6 +134,7 @@ def test_a_known_integrator():
     assert estimate.parameters["a0"].value == 0.0
 
 
+@pytest.mark.slow
 def test_first_order_and_a_zero():
     rng = np.random.default_rng(6)
     r = np.repeat(rng.choice([-1.0, 1.0], 60), 10)

@@ -390,6 +390,7 @@ def test_bands_hold_the_fitted_models(counted):
 
 
 @pytest.mark.filterwarnings("error")
+@pytest.mark.slow
 def test_pictures_of_wild_estimates(made_up, tmp_path):
     """Failures, unstable models and medians far outside the picture draw without a warning."""
     wild = np.array([[np.nan] * 3, [-2.0, 3.0, 0.5], [300.0, 4e4, 9e3], [300.0, 4e4, 9e3]])

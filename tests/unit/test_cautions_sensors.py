@@ -337,6 +337,7 @@ def test_counts_with_noise_of_their_own_raise_no_alarm():
 
 
 @pytest.mark.judged
+@pytest.mark.slow
 def test_response_that_the_model_misses_is_not_taken_for_outliers():
     record, _ = noisy(10, level=0.0)
     lines = identify(

@@ -386,6 +386,7 @@ def test_modes_are_paired_by_where_they_are():
     }
 
 
+@pytest.mark.slow
 def test_the_time_grows_with_the_samples():
     """Four times as long takes four times as long, with room for the rest."""
     model = CASES["second order"][0]

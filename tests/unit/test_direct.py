@@ -62,6 +62,7 @@ def test_how_much_hangs_on_the_noise_model_is_said(found):
     assert "give it as reference" in finding.remedy
 
 
+@pytest.mark.slow
 def test_standard_errors_know_that_the_noise_was_estimated(found):
     record = in_loop(0)
     plain = ThreeModel(route="direct").estimate([record], Structure(1, 0))

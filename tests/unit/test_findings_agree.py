@@ -144,7 +144,7 @@ def test_a_robust_fit_in_coloured_noise_is_not_told_of_a_noise_model_it_cannot_h
 
 
 @pytest.mark.parametrize("drift", [False, True])
-@pytest.mark.fast("True")
+@pytest.mark.slow
 def test_what_drifts_under_a_noise_model_is_not_told_to_have_one(drift):
     record = wandering(3)
     structure = Structure(2, 0, drift=drift)

@@ -227,7 +227,7 @@ def test_no_loop_is_confident_and_wrong_where_nobody_knows_between_the_samples()
 
 
 @pytest.mark.parametrize("seed", [720_004, 720_005])
-@pytest.mark.fast("720005")
+@pytest.mark.slow
 def test_a_record_taken_as_held_is_tried_as_moving_between_its_samples(seed):
     drawn = loops.draw(
         seed,

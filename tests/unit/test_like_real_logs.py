@@ -174,7 +174,7 @@ def test_a_gain_that_moves_with_the_speed_is_no_sensor_that_changed(seed):
 
 
 @pytest.mark.parametrize("seed", [51, 52])
-@pytest.mark.fast("51")
+@pytest.mark.slow
 def test_a_limit_between_two_levels_of_a_command_is_told(seed):
     u, rng = moved_by(np.array([-12.0, -6.0, 0.0, 6.0, 12.0, 30.0]), seed)
     record = answered(np.minimum(u, 24.0), u, rng)

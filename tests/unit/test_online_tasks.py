@@ -316,6 +316,7 @@ def test_the_clock_asks_for_a_look_that_no_alarm_asked_for_and_nobody_is_told():
     assert "varying" not in codes
 
 
+@pytest.mark.slow
 def test_refined_coefficients_use_the_pauses_of_noise_that_comes_and_goes():
     """The samples of little noise tell the most; all alike, the errors were half as large again."""
     asked, spread = setting(), []

@@ -286,6 +286,7 @@ def test_long_series_keep_their_extremes():
     assert np.isnan(short).any()
 
 
+@pytest.mark.slow
 def test_dollar_signs_in_names_are_no_mathematics(single):
     names = {"input_names": ["a$b"], "output_names": ["c$d_{"]}
     record = Record(single.record.u, single.record.y, dt=0.02, name="$^$", **names)

@@ -9,6 +9,8 @@ from tridentify.judgement.selection.higher import higher_candidates
 from tridentify.judgement.selection.orders import default_candidates
 from tridentify.judgement.selection.select import _Work
 
+pytestmark = pytest.mark.unjudged
+
 DT = 0.02
 
 

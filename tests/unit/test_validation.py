@@ -279,6 +279,7 @@ def test_a_response_that_is_not_linear_is_hinted_at():
 
 
 @pytest.mark.judged
+@pytest.mark.slow
 def test_what_a_residual_is_searched_for_is_computed_once(monkeypatch):
     """A look and all tests after it share their columns."""
     asked, own = [], bends.bends
@@ -296,6 +297,7 @@ def test_what_a_residual_is_searched_for_is_computed_once(monkeypatch):
     assert len(asked) == len(set(asked))
 
 
+@pytest.mark.slow
 def test_coefficients_that_change_are_noticed():
     u = prbs(1200, 10)
     a, b = response(u), response(u, TransferFunction([9.0], [1.0, 1.2, 10.5]))
