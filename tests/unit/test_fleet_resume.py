@@ -102,7 +102,7 @@ def test_a_worker_killed_meanwhile_costs_nothing(
             for child in fleets.children(os.getpid()):
                 os.kill(child, signal.SIGKILL)
 
-    run = fleets.fit_files(str(folder), str(tmp_path / "out"), "2", progress=kill)
+    run = fleets.fit_files(str(folder), str(tmp_path / "out"), "1", progress=kill)
     assert told[-1] == (COUNT, COUNT)
     assert fleets.same(run.rows(), undisturbed)
 
