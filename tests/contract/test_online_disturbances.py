@@ -605,7 +605,7 @@ def test_no_rate_blows_a_gradient_up(rate):
 
 
 @pytest.mark.parametrize("scale", [1e-12, 1e12])
-@pytest.mark.slow
+@pytest.mark.fast("1000000000000.0")
 def test_normalised_steps_do_not_know_the_size_of_the_signals(scale):
     u, y, _ = signals(20_000)
     plain = online.run(online.Gradient(), Record(u, y, dt=DT), ASKED, every=1e9).estimate

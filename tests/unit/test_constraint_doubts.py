@@ -60,7 +60,7 @@ def test_only_the_wrong_piece_is_named():
 
 @pytest.mark.parametrize("pole", [0.0, 0.9])
 @pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)
-@pytest.mark.fast("ThreeModel-0.9")
+@pytest.mark.slow
 def test_wrong_knowledge_is_named_in_coloured_noise(pole, method):
     structure = Structure(2, 1, fixed={"a0": 12.0})
     assert doubts(identify(record_of(pole=pole), structure, method, throw=False))

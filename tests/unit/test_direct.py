@@ -213,6 +213,7 @@ def rubbing_drive(seed: int, n: int = 800) -> Record:
     return Record(u, y, dt=dt, intersample="zoh")
 
 
+@pytest.mark.unjudged
 def test_errors_reach_as_far_as_white_noise_where_the_innovations_hold_the_past(found):
     record, integrating = rubbing_drive(4), Structure(2, 0, fixed={"a0": 0.0})
     plain = ThreeModel(route="direct").estimate([record], integrating)

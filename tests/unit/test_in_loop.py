@@ -46,6 +46,7 @@ def settled(drawn: loops.Drawn):
     return together(records, starting_plants(records, n, [drawn.theta.size - n - 1]))
 
 
+@pytest.mark.slow
 def test_errors_are_what_is_said_of_them():
     law, plant, n = loops.System.of([2.0], [1.0]), loops.System.of([1.0], [1.0, 1.0]), 300
     z = []

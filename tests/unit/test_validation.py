@@ -197,6 +197,7 @@ def test_coloured_noise_leaves_the_model_good(record):
     assert modelled.ok
 
 
+@pytest.mark.slow
 def test_a_drift_is_named(record):
     slow = 0.4 * np.linspace(0.0, 1.0, N) ** 2
     other = recorded(record.u, record.y[:, 0] + slow)
@@ -226,6 +227,7 @@ def test_outliers_are_named_by_their_times(record):
     assert validate(robust, other).ok
 
 
+@pytest.mark.slow
 def test_feedback_is_named():
     n, e = 2000, noise(2000, 7)
     reference = prbs(n, 8)
