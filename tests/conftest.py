@@ -11,6 +11,7 @@ from typing import Any
 
 import hypothesis
 import pytest
+from _pytest.doctest import DoctestModule
 
 from fast_cases import leave_the_others_to_the_slow_run
 from tridentify.estimation.answer.estimate import Estimate
@@ -44,7 +45,17 @@ def pytest_collection() -> Generator[None, object, object]:
     finally:
         gc.collect()
         gc.freeze()
+        gc.set_threshold(20_000)
         gc.enable()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collect_file(file_path: Path) -> Generator[None, list[pytest.Collector], object]:
+    """Look for examples in docstrings of the package alone: a tenth of the time of collection."""
+    found = yield
+    if file_path.is_relative_to(REPOSITORY / "tests"):
+        return [one for one in found if not isinstance(one, DoctestModule)]
+    return found
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -107,6 +118,12 @@ def _blank(_drawing: object, buffer: Any, name: str) -> None:
     buffer.write(text if name == "svg" else text.encode())
 
 
+def _left_blank(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr("tridentify.report.pictures._save", _blank)
+    # to find room for labels that nobody sees takes as long as to draw them
+    patch.setattr("tridentify.report.sheet.Sheet.settle", lambda sheet: sheet.figure)
+
+
 @pytest.fixture(autouse=True)
 def _drawn_where_it_is_looked_at(
     request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
@@ -116,7 +133,7 @@ def _drawn_where_it_is_looked_at(
     `make test-all` draws them all.
     """
     if QUICK and request.node.get_closest_marker("undrawn"):
-        monkeypatch.setattr("tridentify.report.pictures._save", _blank)
+        _left_blank(monkeypatch)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -128,5 +145,5 @@ def _judged_where_a_file_counts(request: pytest.FixtureRequest) -> Iterator[None
         if QUICK and numbers and not any(item.get_closest_marker("judged") for item in own):
             patch.setattr(choice, "judged", _of_the_method)
         if QUICK and request.node.get_closest_marker("undrawn"):
-            patch.setattr("tridentify.report.pictures._save", _blank)
+            _left_blank(patch)
         yield

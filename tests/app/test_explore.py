@@ -80,18 +80,14 @@ def test_a_port_in_use_is_told(refused):
     assert f"found the port {port} in use" in said
 
 
-def test_a_session_is_open_in_one_workbench_at_a_time(tmp_path):
+def test_a_session_is_open_in_one_workbench_at_a_time(refused, tmp_path):
     from tridentify.app import start
     from tridentify.app.session import Session
 
     path = tmp_path / "s.sqlite"
     with start._alone(Session(path)):
-        done = subprocess.run(
-            [sys.executable, "-m", "tridentify", "app", "--session", str(path), "--no-open"],
-            cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False,
-        )  # fmt: skip
-        assert done.returncode == 2
-        assert "open in another workbench; expected one at a time" in done.stderr
+        said = refused("--session", str(path))
+        assert "open in another workbench; expected one at a time" in said
     with start._alone(Session(path)) as again:
         assert again.state["records"] == []
 

@@ -90,6 +90,7 @@ def test_no_time_is_told(run, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("columns", [1, 2500])
+@pytest.mark.fast("1")
 def test_names_of_any_length_are_cut_in_the_table(run, tmp_path: Path, columns: int) -> None:
     """One long name would make every row as wide as itself."""
     named = ["t", "u" * 20_000, *(f"c{k}" for k in range(columns))]
@@ -102,6 +103,7 @@ def test_names_of_any_length_are_cut_in_the_table(run, tmp_path: Path, columns: 
     assert [entry["name"] for entry in listed] == named
 
 
+@pytest.mark.fast("csv", "npz")
 def test_channels_as_json(run, file: Path, columns) -> None:
     listed = json.loads(run("channels", file, "--json").out)["channels"]
     assert [entry["name"] for entry in listed] == ["time [ms]", "u [deg]", "y [deg/s]"]
@@ -120,6 +122,7 @@ def test_channels_as_json(run, file: Path, columns) -> None:
     }
 
 
+@pytest.mark.fast("csv", "npz")
 def test_identify_takes_the_file_and_its_units(run, file: Path) -> None:
     outcome = run(
         *("identify", file, "--input", "u", "--output", "y", "--poles", "1", "--zeros", "0"),

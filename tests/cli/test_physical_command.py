@@ -21,6 +21,8 @@ from tridentify.physical import (
     short_period,
 )
 
+pytestmark = pytest.mark.unjudged
+
 AIRCRAFT = {"Z_alpha": -0.98, "Z_delta": -0.055, "M_alpha": -8.0, "M_q": -0.91, "M_delta": -8.8}
 OSCILLATOR = {"m": 2.0, "c": 1.0, "k": 8.0}
 LADDER = {"R1": 1e4, "C1": 1e-7, "R2": 1e4, "C2": 2e-7}
@@ -259,6 +261,7 @@ def test_units_that_do_not_go_together_are_refused(run, flight, units, says):
 
 
 @pytest.mark.parametrize("units", [["alpha=deg", "q=deg/s"], ["alpha=rad", "q=1/s"], ["q=rad/s"]])
+@pytest.mark.fast("units0")
 def test_units_that_go_together_are_taken(run, flight, units):
     words = [word for unit in units for word in ("--unit", unit)]
     options = ["--model", "short-period", "--input", "elevator", "--output", "alpha"]

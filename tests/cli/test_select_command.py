@@ -9,6 +9,8 @@ import pytest
 
 from tridentify import Estimate
 
+pytestmark = pytest.mark.unjudged
+
 QUESTION = ["--input", "elevator", "--output", "q"]
 FEW = ["--poles", "1:2", "--zeros", "all"]
 
@@ -49,6 +51,7 @@ def test_json_and_a_folder_hold_the_same(run, short, tmp_path):
     assert model.parameters["a0"].value == document["rows"][2]["coefficients"]["a0"]["value"]
 
 
+@pytest.mark.slow
 def test_a_validation_file_judges(run, noisy, write_table, clean):
     noise = 1e-3 * np.random.default_rng(9).standard_normal(clean["q"].size)
     other = write_table("other.csv", clean | {"q": clean["q"] + noise})

@@ -32,15 +32,16 @@ def place(tmp_path_factory, table_at, held):
 EXCITE = ("excite", "3-2-1-1", "--dt", 0.02, "--for-frequency", 3, "--noise", 0.01, "--json")
 
 
-def test_the_folder_stands_for_the_model_in_it(run, place, tmp_path):
-    for model in (place / "result", place / "result" / "model.json"):
-        validated = run("validate", model, place / "flight.csv", "--json")
-        assert validated.code == 0
-        assert json.loads(validated.out)["fit"][0] > 90.0
-        exported = run("export", model, tmp_path / "plant.h", "--dt", 0.02)
-        assert exported.code == 0
-        assert (tmp_path / "plant.h").read_text().count("double") > 0
-        assert run(*EXCITE, "--model", model, "--out", tmp_path / "plan.csv").code == 0
+@pytest.mark.parametrize("model", ["result", "result/model.json"])
+@pytest.mark.fast("result")
+def test_the_folder_stands_for_the_model_in_it(run, place, tmp_path, model):
+    validated = run("validate", place / model, place / "flight.csv", "--json")
+    assert validated.code == 0
+    assert json.loads(validated.out)["fit"][0] > 90.0
+    exported = run("export", place / model, tmp_path / "plant.h", "--dt", 0.02)
+    assert exported.code == 0
+    assert (tmp_path / "plant.h").read_text().count("double") > 0
+    assert run(*EXCITE, "--model", place / model, "--out", tmp_path / "plan.csv").code == 0
 
 
 @pytest.mark.parametrize("model", ["result", "result/model.json"])

@@ -90,7 +90,7 @@ def test_the_last_line_is_what_the_record_gives_at_once(run, file, columns):
     record = Record(
         columns["elevator"], columns["q"], dt=DT, input_names=["elevator"], output_names=["q"]
     )
-    whole = online.run(online.ThreeModel(), record, Structure(2, 1)).estimate
+    whole = online.run(online.ThreeModel(), record, Structure(2, 1), every=1e9).estimate
     assert values(last) == {
         name: stream_show.rounded(item.value, item.std) for name, item in whole.parameters.items()
     }
@@ -775,10 +775,9 @@ def test_without_a_terminal_the_live_view_is_a_plain_line(run, file):
 
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
-def test_in_a_terminal_the_table_moves_and_the_lines_stay_whole(file):
+def test_in_a_terminal_the_table_moves_and_the_lines_stay_whole(run, file, monkeypatch):
+    monkeypatch.setenv("TERM", "xterm")
     main, side = os.openpty()
-    process = start("stream", file, *QUESTION, "--live", stderr=side, stdin=subprocess.DEVNULL)
-    os.close(side)
     shown = bytearray()
 
     def watch() -> None:
@@ -793,11 +792,14 @@ def test_in_a_terminal_the_table_moves_and_the_lines_stay_whole(file):
 
     watcher = threading.Thread(target=watch)
     watcher.start()
-    out, _ = process.communicate(timeout=60)
+    with open(side, "w", encoding="utf-8") as terminal:
+        monkeypatch.setattr(sys, "stderr", terminal)
+        outcome = run("stream", file, *QUESTION, "--live")
+        monkeypatch.undo()
     watcher.join()
     os.close(main)
-    assert process.returncode == 0
-    assert len(objects(out)) == 30
+    assert outcome.code == 0
+    assert len(objects(outcome.out)) == 30
     text = shown.decode()
     assert "samples/s" in text
     assert "std error" in text

@@ -137,7 +137,7 @@ def test_the_reference_route_is_taken_by_itself_and_told():
 
 @pytest.mark.unjudged
 def test_without_a_reference_the_route_is_not_reference():
-    record = record_of()
+    record = record_of(n=300)
     bare = tri.Record(record.u, record.y, dt=DT)
     assert tri.identify(bare, ORDERS).route != "reference"
     with pytest.raises(tri.errors.TridentifyError, match="reference"):
@@ -180,16 +180,17 @@ def test_the_input_as_reference_leaves_no_kind_of_controller_to_ask_for():
 
 
 @pytest.mark.parametrize("intersample", ["zoh", "foh", "band-limited"])
-@pytest.mark.fast("foh")
+@pytest.mark.parametrize("controller", ["continuous", "unknown"])
+@pytest.mark.fast("continuous-foh")
 @pytest.mark.unjudged
-def test_a_continuous_controller_and_each_kind_of_reference(intersample):
+def test_a_continuous_controller_and_each_kind_of_reference(controller, intersample):
     record = driven(5, intersample)
     assert record.reference_behaviour == intersample
-    right(tri.identify(record, ORDERS, tri.ThreeModel(controller="continuous")))
-    right(tri.identify(record, ORDERS))
+    right(tri.identify(record, ORDERS, tri.ThreeModel(controller=controller)))
 
 
 @pytest.mark.parametrize("controller", ["unknown", "sampled"])
+@pytest.mark.fast("sampled")
 @pytest.mark.unjudged
 def test_a_sampled_controller(controller):
     right(tri.identify(record_of(6), ORDERS, tri.ThreeModel(controller=controller)))
@@ -206,8 +207,8 @@ def test_a_sampled_controller(controller):
     ],
     ids=["offset", "drift", "state", "missing", "coloured"],
 )
-@pytest.mark.fast("drift", "coloured")
 @pytest.mark.unjudged
+@pytest.mark.fast("drift")
 def test_what_records_have_beside_noise(structure, options):
     right(tri.identify(record_of(7, **options), structure))
 
@@ -241,15 +242,24 @@ def test_a_known_delay():
 
 
 @pytest.mark.unjudged
-def test_a_fixed_and_a_bounded_coefficient():
-    record = record_of(11, n=400)
-    fixed = tri.identify(record, tri.Structure(2, 1, fixed={"a0": 4.0}))
+def test_a_fixed_coefficient():
+    fixed = tri.identify(record_of(11, n=400), tri.Structure(2, 1, fixed={"a0": 4.0}))
     assert fixed.parameters["a0"].value == pytest.approx(4.0, abs=1e-12)
     right(fixed)
-    bounded = tri.identify(record, tri.Structure(2, 1, bounds={"b1": (0.0, None)}))
-    right(bounded)
-    held = tri.identify(record, tri.Structure(2, 1, bounds={"a1": (1.6, None)}))
+
+
+@pytest.mark.unjudged
+def test_a_coefficient_at_its_bound():
+    bound = tri.Structure(2, 1, bounds={"a1": (1.6, None)})
+    held = tri.identify(record_of(11, n=400), bound)
     assert held.parameters["a1"].value >= 1.6 - 1e-9
+
+
+@pytest.mark.unjudged
+@pytest.mark.slow
+def test_a_coefficient_within_its_bound():
+    bound = tri.Structure(2, 1, bounds={"b1": (0.0, None)})
+    right(tri.identify(record_of(11, n=400), bound))
 
 
 @pytest.mark.unjudged

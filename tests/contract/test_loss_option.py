@@ -136,6 +136,7 @@ def test_standard_errors_are_those_of_the_sandwich(loss):
 # ------------------------------------------------------------------------------ what it is for
 @robust
 @pytest.mark.parametrize("one_sided", [False, True])
+@pytest.mark.fast("True-huber", "False-student")
 def test_outliers_hardly_move_the_estimate(loss, one_sided):
     record, bad, sigma = outlying(one_sided=one_sided)
     structure = dataclasses.replace(AT_REST, offset=True)
@@ -225,6 +226,7 @@ def test_output_error_by_hand_ends_on_the_same_minimum(loss):
 
 @robust
 @pytest.mark.parametrize("factor", [1e-6, 1e6])
+@pytest.mark.fast("1e-06-huber", "1000000.0-student")
 def test_time_scale_does_not_matter(loss, factor):
     record, reference = solved(loss)
     other = Record(record.u, record.y, dt=DT * factor)

@@ -258,11 +258,9 @@ def test_a_new_state_has_seen_nothing(key):
 @every_method
 @pytest.mark.fast(
     "three-model-one zero",
-    "three-model-two outputs",
-    "three-model-trimmed",
-    "gradient-two outputs",
     "least squares-two outputs",
     "kalman-two outputs",
+    "gradient-two outputs",
 )
 def test_running_is_folding_bit_for_bit(key, case, walked, tmp_path):
     method, record, run = walked
@@ -450,6 +448,9 @@ def test_the_covariance_is_one(key, case):
 
 @pytest.mark.parametrize("key", ["three-model", "least squares", "kalman"])
 @every_case
+@pytest.mark.fast(
+    "one zero-*", "two outputs-*", "trimmed-*", "late-*", "straight lines-*", "biproper-*"
+)
 def test_without_noise_the_truth(key, case, walked):
     _, _, run = walked
     truth = CASES[case].theta

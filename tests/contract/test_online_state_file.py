@@ -77,7 +77,7 @@ def content(state, folder):
 
 
 @every_method
-@pytest.mark.fast("three-model, forgetting", "least squares, *", "kalman", "gradient")
+@pytest.mark.fast("three-model, forgetting", "least squares, filter", "kalman", "gradient")
 def test_resumed_from_a_file_bit_for_bit(key, tmp_path):
     """Every state on the way, saved and loaded, gives the same innovations and the same end."""
     method = METHODS[key]
@@ -328,6 +328,7 @@ def test_a_file_with_a_part_missing_is_refused(document, tmp_path):
         refused(err.DataError, path)
 
 
+@pytest.mark.fast("('three-model', 300)")
 def test_a_file_that_was_altered_never_ends_in_a_foreign_error(document, tmp_path):
     """Refused in one line, or loaded and stepped: no KeyError, no crash of a compiled loop."""
     found = json.loads(document)

@@ -45,7 +45,7 @@ def codes(u, y, r):
 
 @pytest.mark.parametrize("given", list(GIVEN))
 @pytest.mark.parametrize("seed", [0, 1])
-@pytest.mark.fast("1-control error", "1-input")
+@pytest.mark.fast("1-input")
 def test_a_reference_that_carries_the_output_is_told(given, seed):
     u, y, r = loop(seed)
     finding = codes(u, y, GIVEN[given](u, y, r))["reference-reacts"]
@@ -55,7 +55,7 @@ def test_a_reference_that_carries_the_output_is_told(given, seed):
 
 @pytest.mark.parametrize("kind", list(RIGHT))
 @pytest.mark.parametrize("sensor", [0.0, 0.05])
-@pytest.mark.fast("0.05-random walk", "0.05-levels")
+@pytest.mark.fast("0.05-levels")
 def test_a_reference_that_was_measured_is_none_of_these(kind, sensor):
     u, y, r = loop(2, kind)
     noise = sensor * np.random.default_rng(9).standard_normal(r.size)

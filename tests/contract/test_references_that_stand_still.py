@@ -15,7 +15,7 @@ from tridentify.estimation.methods.closed_loop.two_stage import TwoStage
 PLANT = ([1.0, 2.0], [1.0, 1.2, 4.0])
 
 
-def held(level, n=600):
+def held(level, n=400):
     """A loop with a PI controller and a constant set point, in noise."""
     rng, total = np.random.default_rng(0), [0.0]
 
@@ -44,6 +44,7 @@ def test_a_set_point_that_never_moves_changes_no_digit():
     np.testing.assert_array_equal(found.theta, without.theta)
 
 
+@pytest.mark.slow
 def test_experiments_without_a_reference_are_told_beside_others():
     rng = np.random.default_rng(4)
     u = np.repeat(rng.choice([-1.0, 1.0], 20), 10)
@@ -88,6 +89,7 @@ def test_it_is_refused_where_it_is_asked_for(method):
 
 
 @pytest.mark.unjudged
+@pytest.mark.slow
 def test_one_experiment_that_moves_is_enough():
     rng, r = np.random.default_rng(1), np.repeat([0.0, 1.0, -1.0, 1.0], 150)
 

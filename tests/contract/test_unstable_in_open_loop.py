@@ -52,7 +52,7 @@ def test_the_pole_is_found_and_said(key, start):
 
 @pytest.mark.unjudged
 @pytest.mark.parametrize("key", list(CASES))
-@pytest.mark.fast("one pole")
+@pytest.mark.slow
 def test_without_noise_the_truth_is_found(key):
     den, duration = CASES[key]
     estimate = identify(released(den, duration, noise=0.0), Structure(len(den) - 1, 0))
@@ -83,7 +83,6 @@ def test_what_it_was_is_kept_in_the_file(tmp_path):
 
 @pytest.mark.unjudged
 @pytest.mark.parametrize("seed", range(4))
-@pytest.mark.fast("0")
 def test_a_slow_stable_plant_in_drifting_noise_stays_stable(seed):
     """An unstable mode with a free start could take up a drift: the record must ask for it."""
     rng = np.random.default_rng(seed)

@@ -228,7 +228,7 @@ def misbehave(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     [
         ("crash", errors.UnreadableFileError, "makes its reader fail"),
         ("exit", errors.UnreadableFileError, "makes its reader fail"),
-        ("hang", errors.UnreadableFileError, "not read within 2 s"),
+        ("hang", errors.UnreadableFileError, "not read within 1 s"),
         ("grow", errors.FileTooLargeError, "at most .* GiB"),
         ("import", errors.MissingDependencyError, "no_such_module.*install them anew"),
         ("raise", errors.UnreadableFileError, "damaged content"),
@@ -237,7 +237,7 @@ def misbehave(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
 def test_a_reader_that_fails_is_one_clear_error(
     misbehave, monkeypatch: pytest.MonkeyPatch, deed: str, error: type[Exception], words: str
 ) -> None:
-    monkeypatch.setattr(isolation, "PATIENCE", 2.0 if deed == "hang" else 30.0)
+    monkeypatch.setattr(isolation, "PATIENCE", 1.0 if deed == "hang" else 30.0)
     with pytest.raises(error, match=words) as caught:
         misbehave(deed)
     assert type(caught.value) is error

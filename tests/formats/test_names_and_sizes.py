@@ -114,6 +114,7 @@ def test_a_row_without_an_end_is_refused_before_it_is_held(
 # ------------------------------------------------------------------------------------------ sizes
 @pytest.mark.skipif(os.name == "nt", reason="files are not sparse by themselves here")
 @pytest.mark.parametrize("head", [b"", b"t,u,y\n0,1,2\n", b"t,u,y\n" + b"0,1,2\n" * 400_000])
+@pytest.mark.fast("", "t,u,y*")
 def test_a_huge_sparse_file_is_refused_by_its_beginning(tmp_path: Path, head: bytes) -> None:
     path = tmp_path / "sparse.csv"
     path.write_bytes(head)

@@ -98,7 +98,7 @@ SMALLER = {
 
 
 @pytest.mark.parametrize("script", EXAMPLES, ids=lambda path: path.name)
-@pytest.mark.fast("first_model.py", "jsbsim_short_period.py")
+@pytest.mark.fast("first_model.py")
 def test_an_example_runs_from_the_root_and_makes_its_folder(
     repository: Path, tmp_path: Path, script: Path
 ) -> None:

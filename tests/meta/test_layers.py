@@ -183,7 +183,7 @@ def test_contracts_are_kept(repository: Path) -> None:
         ("record.py", "import rich.table", "Only the command line knows the terminal"),
     ],
 )
-@pytest.mark.fast("simulate.py*", "record.py*", "identify.py*")
+@pytest.mark.fast("simulate.py*")
 def test_a_broken_contract_would_be_found(
     repository: Path, tmp_path: Path, module: str, statement: str, contract: str
 ) -> None:

@@ -240,6 +240,7 @@ def test_step_from_rest_of_second_order(n_samples, m):
     ],
 )
 @pytest.mark.fast("integrator")
+@pytest.mark.unjudged
 def test_unstable_and_integrating_systems_are_right_or_refused(poles):
     """Outside the promise, but never a wrong answer called converged."""
     u = levels(400, 4)

@@ -134,6 +134,7 @@ def test_a_known_integrator():
     assert estimate.parameters["a0"].value == 0.0
 
 
+@pytest.mark.slow
 def test_first_order_and_a_zero():
     rng = np.random.default_rng(6)
     r = np.repeat(rng.choice([-1.0, 1.0], 60), 10)
@@ -156,6 +157,7 @@ def test_intervals_hold_the_truth_and_two_experiments_know_more():
     assert np.all(np.abs(both.theta - truth) < 4.0 * both.std)
 
 
+@pytest.mark.slow
 def test_missing_outputs_do_not_matter():
     record = flown(9, [1.0, 0.5, -1.5])
     y = np.array(record.y)

@@ -47,6 +47,7 @@ def test_poles_are_those_of_a_rough_fit(record):
     assert np.allclose(poles, [-0.0338, -0.0044], rtol=0.02)
 
 
+@pytest.mark.slow
 def test_the_first_half_and_the_whole_agree_within_errors_that_allow_for_the_misfit(
     record, monkeypatch
 ):

@@ -390,6 +390,7 @@ def test_bands_hold_the_fitted_models(counted):
 
 
 @pytest.mark.filterwarnings("error")
+@pytest.mark.slow
 def test_pictures_of_wild_estimates(made_up, tmp_path):
     """Failures, unstable models and medians far outside the picture draw without a warning."""
     wild = np.array([[np.nan] * 3, [-2.0, 3.0, 0.5], [300.0, 4e4, 9e3], [300.0, 4e4, 9e3]])
@@ -400,6 +401,7 @@ def test_pictures_of_wild_estimates(made_up, tmp_path):
     assert len(save_study_figures(result, tmp_path)) == 2
 
 
+@pytest.mark.slow
 def test_pictures_load_no_pyplot():
     code = "import sys, tridentify.plots.study; assert 'matplotlib' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -53,6 +53,7 @@ def test_bounds_are_those_computed_without_the_package(repository: Path) -> None
         DeclaredNoise("v", "arma", "std", 1.0, (("ar", (1.0, -0.9)), ("ma", (1.0, 0.5)))),
     ],
 )
+@pytest.mark.fast("noise0", "noise1")
 def test_noise_has_variance_one_and_its_autocorrelation(noise: DeclaredNoise) -> None:
     rng = np.random.default_rng(1)
     found = np.array([drawn(noise, rng, 6) for _ in range(40_000)])

@@ -77,7 +77,7 @@ def test_spikes_are_named_with_their_times_and_left_out(good):
 
 
 @pytest.mark.parametrize("noise", [1e-9, 1e-7, 1e-5])
-@pytest.mark.fast("1e-07")
+@pytest.mark.slow
 def test_a_response_with_hardly_any_noise_has_no_bad_samples(noise):
     rng = np.random.default_rng(3)
     u = np.repeat(rng.choice([-1.0, 1.0], 30), 20)
@@ -88,6 +88,7 @@ def test_a_response_with_hardly_any_noise_has_no_bad_samples(noise):
     assert "bad-samples" in codes(advise(Record(u, y, dt=0.01)))
 
 
+@pytest.mark.slow
 def test_the_first_sample_but_two_may_be_bad(good):
     y = good.y[:, 0].copy()
     y[2] += 1.0

@@ -80,7 +80,7 @@ def test_a_sample_at_the_start_that_only_too_few_poles_leave_far_is_not_bad():
 
 
 @pytest.mark.parametrize("seed", [3, 4])
-@pytest.mark.fast("3")
+@pytest.mark.slow
 def test_identify_itself_names_wild_samples_at_the_start(seed):
     """They stand together, so that none stands alone, and the noise model takes what it can."""
     rng = np.random.default_rng(seed)

@@ -1,6 +1,7 @@
 """A power of a signal is a bend only as far as no straight line is one."""
 
 import numpy as np
+import pytest
 
 from tridentify import Record, Structure, TransferFunction, identify, simulate, validate
 from tridentify.judgement.causes.rivals import _bent
@@ -19,6 +20,7 @@ def test_two_levels_have_no_bend_and_three_have_one() -> None:
     assert _bent([np.zeros(5)], 2) is None
 
 
+@pytest.mark.slow
 def test_a_drift_under_an_input_of_two_levels_is_no_bend() -> None:
     rng = np.random.default_rng(2)
     u = np.repeat(rng.choice([-1.0, 1.0], 60), 8)

@@ -295,6 +295,7 @@ def test_play_between_two_masses_is_told_and_nearly_always_named():
 @pytest.mark.parametrize(
     "seed", [11, *(pytest.param(k, marks=pytest.mark.slow) for k in range(12, 17))]
 )
+@pytest.mark.slow
 def test_friction_of_a_motor_is_named_where_its_speed_is_recorded(seed):
     rng = np.random.default_rng(seed)
     n, dt, parts = 1000, 0.01, 10
@@ -330,7 +331,7 @@ def battery(noise, seed):
 @pytest.mark.parametrize(
     "seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in range(2, 7))]
 )
-@pytest.mark.fast("1-fixed1")
+@pytest.mark.slow
 def test_noise_of_a_current_sensor_is_no_controller(seed, fixed):
     estimate = identify(battery(0.05, seed), Structure(2, 2, fixed=fixed), throw=False)
     assert estimate.status.ok
@@ -354,6 +355,7 @@ def six_samples_late(seed):
 @pytest.mark.parametrize(
     "seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in range(2, 9))]
 )
+@pytest.mark.slow
 def test_a_delay_is_found_that_a_numerator_makes_up_for(seed):
     record, delay = six_samples_late(seed)
     found = first_of(record, Structure(2, 1))

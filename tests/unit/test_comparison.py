@@ -105,6 +105,14 @@ def noisy(model, t, intersample, seed=0):
 
 
 @pytest.mark.parametrize("name", CASES)
+@pytest.mark.fast(
+    "uneven and late",
+    "integrating",
+    "two outputs",
+    "two inputs",
+    "separate denominators",
+    "repeated poles",
+)
 def test_fits_are_those_of_a_dense_refit(name, responses):
     model, t, intersample, drift = CASES[name]
     record = noisy(model, t, intersample)
@@ -378,6 +386,7 @@ def test_modes_are_paired_by_where_they_are():
     }
 
 
+@pytest.mark.slow
 def test_the_time_grows_with_the_samples():
     """Four times as long takes four times as long, with room for the rest."""
     model = CASES["second order"][0]

@@ -43,7 +43,7 @@ WRONG = [
 
 @pytest.mark.parametrize(("knowledge", "named"), WRONG)
 @pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)
-@pytest.mark.fast(*(f"ThreeModel-knowledge{k}-*" for k in (0, 1, 3, 4)))
+@pytest.mark.fast(*(f"ThreeModel-knowledge{k}-*" for k in (1, 4)))
 def test_wrong_knowledge_is_named_with_the_free_estimate(knowledge, named, method):
     said = doubts(identify(record_of(), Structure(2, 1, **knowledge), method))
     assert len(said) == 1
@@ -60,7 +60,7 @@ def test_only_the_wrong_piece_is_named():
 
 @pytest.mark.parametrize("pole", [0.0, 0.9])
 @pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)
-@pytest.mark.fast("ThreeModel-0.9")
+@pytest.mark.slow
 def test_wrong_knowledge_is_named_in_coloured_noise(pole, method):
     structure = Structure(2, 1, fixed={"a0": 12.0})
     assert doubts(identify(record_of(pole=pole), structure, method, throw=False))
@@ -76,7 +76,7 @@ RIGHT = [
 
 @pytest.mark.parametrize("knowledge", RIGHT)
 @pytest.mark.parametrize("pole", [0.0, 0.8])
-@pytest.mark.fast("0.8-knowledge3", "0.0-knowledge0", "0.0-knowledge1", "0.0-knowledge2")
+@pytest.mark.fast("0.8-knowledge3", "0.0-knowledge1")
 def test_true_knowledge_raises_no_doubt(knowledge, pole):
     for seed in range(3):
         record = record_of(seed, 0.1, 12, pole)

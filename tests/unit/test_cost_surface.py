@@ -202,7 +202,7 @@ def test_picture_on_given_axes_and_ranges(second):
         (Structure(2, 0, **REST), {"noise": 0.0}),
     ],
 )
-@pytest.mark.fast("structure1-options1", "structure2-options2")
+@pytest.mark.slow
 def test_picture_of_first_order_integrator_printed_method_and_no_noise(structure, options):
     integrating = bool(structure.fixed)
     den = [1.0, 4.0] if structure.poles == 1 else [1.0, 3.0, 0.0 if integrating else 3.0]

@@ -42,7 +42,7 @@ EDGES = (([30], 0.0), ([30], 0.1), ([25, 40, 52], 0.035), ([140, 160], 0.0))
         for twin in [sign > 0.0 and case is not EDGES[0]]
     ],
 )
-@pytest.mark.fast("edges1-*", "edges4-*")
+@pytest.mark.fast("edges1-0.0-1.0")
 def test_the_edges_are_seen_however_early_they_come(edges, delay, sign):
     record = few_edges(edges, delay, sign=sign)
     known = identify(record, Structure(2, 0, delay=delay, initial_state="free"), OutputError())

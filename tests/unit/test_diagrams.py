@@ -209,12 +209,14 @@ def test_fast_and_slow_systems_leave_every_text_in_its_place(draw, scale):
 
 @pytest.mark.parametrize("draw", ALL)
 @pytest.mark.parametrize("spread", [0.0, math.nan, 1e-14, 30.0])
+@pytest.mark.fast("nan-*")
 def test_any_standard_error_leaves_every_text_in_its_place(draw, spread):
     assert faults(draw(made(3, 1, spread=spread))) == []
 
 
 @pytest.mark.parametrize("draw", ALL)
 @pytest.mark.parametrize("kind", ["allpass", "laguerre", ""])
+@pytest.mark.fast("laguerre-*", "-draw_three_models")
 def test_kinds_and_numbers_of_operators(draw, kind):
     for operators in (1, 30):
         assert faults(draw(made(2, 1, kind=kind, operators=operators))) == []
@@ -222,6 +224,7 @@ def test_kinds_and_numbers_of_operators(draw, kind):
 
 @pytest.mark.parametrize("draw", ALL)
 @pytest.mark.parametrize("passes", [1, 20, 120])
+@pytest.mark.fast("120-*")
 def test_many_passes_are_elided(draw, passes):
     assert faults(draw(made(passes=passes))) == []
     chart = words(diagrams.draw_flow_chart(made(passes=passes)))

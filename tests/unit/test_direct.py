@@ -62,6 +62,7 @@ def test_how_much_hangs_on_the_noise_model_is_said(found):
     assert "give it as reference" in finding.remedy
 
 
+@pytest.mark.slow
 def test_standard_errors_know_that_the_noise_was_estimated(found):
     record = in_loop(0)
     plain = ThreeModel(route="direct").estimate([record], Structure(1, 0))
@@ -212,6 +213,7 @@ def rubbing_drive(seed: int, n: int = 800) -> Record:
     return Record(u, y, dt=dt, intersample="zoh")
 
 
+@pytest.mark.unjudged
 def test_errors_reach_as_far_as_white_noise_where_the_innovations_hold_the_past(found):
     record, integrating = rubbing_drive(4), Structure(2, 0, fixed={"a0": 0.0})
     plain = ThreeModel(route="direct").estimate([record], integrating)

@@ -172,6 +172,7 @@ def test_of_an_estimate_the_spectrum_is_for_all_that_the_plant_may_be():
     assert best.efficiency >= 0.999
 
 
+@pytest.mark.slow
 def test_an_integrator_that_was_identified_keeps_its_draws():
     rng = np.random.default_rng(3)
     model = TransferFunction([2.0], [1.0, 3.0, 0.0])

@@ -42,10 +42,7 @@ IMPORTS = [
     "statement", [*IMPORTS[:3], *(pytest.param(s, marks=pytest.mark.slow) for s in IMPORTS[3:])]
 )
 @pytest.mark.parametrize("name", ["identify"])
-@pytest.mark.fast(
-    "identify-from tridentify.{name} import {name}",
-    "identify-import tridentify.{name}",
-)
+@pytest.mark.fast("identify-from tridentify.{name} import {name}")
 def test_the_function_wins_over_the_module_of_its_name(name: str, statement: str) -> None:
     program = f"""
 {statement.format(name=name)}

@@ -100,6 +100,7 @@ def test_a_larger_model_is_advice_where_the_fit_rises(seed):
     assert "the sum of squares of the whitened residual falls by" in low.effect
 
 
+@pytest.mark.slow
 def test_a_larger_model_is_a_note_where_the_fit_does_not_rise():
     record = with_a_mode(4, 0.02, 0.2)
     estimate = identify(record, Structure(2, 0), throw=False)
@@ -143,7 +144,7 @@ def test_a_robust_fit_in_coloured_noise_is_not_told_of_a_noise_model_it_cannot_h
 
 
 @pytest.mark.parametrize("drift", [False, True])
-@pytest.mark.fast("True")
+@pytest.mark.slow
 def test_what_drifts_under_a_noise_model_is_not_told_to_have_one(drift):
     record = wandering(3)
     structure = Structure(2, 0, drift=drift)
@@ -179,6 +180,7 @@ def test_a_noise_model_that_was_at_hand_and_not_kept_is_no_advice():
     assert not any("noise='ar'" in one.text or "a noise model" in one.text for one in found)
 
 
+@pytest.mark.slow
 def test_a_noise_model_that_was_tried_and_declined_is_no_advice_for_colour():
     u = held(8)
     y = simulate(PLANT, Record(u, u, dt=DT))[:, 0]

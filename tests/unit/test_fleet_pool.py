@@ -56,6 +56,7 @@ def linear(said: Mapping[str, tuple[np.ndarray, np.ndarray]]):
     return look
 
 
+@pytest.mark.slow
 def test_a_population_that_is_known_exactly() -> None:
     spread = np.array([[0.09, 0.03], [0.03, 0.04]])
     truth, said = gaussian(np.random.default_rng(0), 800, spread)

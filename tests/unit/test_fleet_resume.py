@@ -58,7 +58,7 @@ def test_a_killed_run_goes_on_where_it_was(
     folder: Path, undisturbed: pl.DataFrame, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
-    killed_after(folder, out, 2, 8)
+    killed_after(folder, out, 1, 8)
     before = Store(out).keys()
     assert 8 <= len(before) < COUNT
     run = fleets.fit_files(str(folder), str(out), "2", progress=False)
@@ -102,7 +102,7 @@ def test_a_worker_killed_meanwhile_costs_nothing(
             for child in fleets.children(os.getpid()):
                 os.kill(child, signal.SIGKILL)
 
-    run = fleets.fit_files(str(folder), str(tmp_path / "out"), "2", progress=kill)
+    run = fleets.fit_files(str(folder), str(tmp_path / "out"), "1", progress=kill)
     assert told[-1] == (COUNT, COUNT)
     assert fleets.same(run.rows(), undisturbed)
 

@@ -41,6 +41,7 @@ def moody(tmp_path_factory: pytest.TempPathFactory) -> fleet.Run:
         time_limit=1.5,
         memory_limit=2 << 30,
         progress=False,
+        judge=False,
         inputs=["u"],
         outputs=["y"],
     )

@@ -90,6 +90,7 @@ def test_a_fleet_of_two_inputs_and_outputs(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["free, with offsets", "open"])
+@pytest.mark.fast("free, with offsets")
 def test_the_joint_estimate(name: str, tmp_path: Path) -> None:
     structure, records = STRUCTURES[name], fleets.units(8, n=80)
     run = fleet.fit(records, structure, out=tmp_path, judge=False, progress=False, workers=2)

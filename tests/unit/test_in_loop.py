@@ -46,6 +46,7 @@ def settled(drawn: loops.Drawn):
     return together(records, starting_plants(records, n, [drawn.theta.size - n - 1]))
 
 
+@pytest.mark.slow
 def test_errors_are_what_is_said_of_them():
     law, plant, n = loops.System.of([2.0], [1.0]), loops.System.of([1.0], [1.0, 1.0]), 300
     z = []
@@ -227,6 +228,7 @@ def test_no_loop_is_confident_and_wrong_where_nobody_knows_between_the_samples()
 
 
 @pytest.mark.parametrize("seed", [720_004, 720_005])
+@pytest.mark.slow
 def test_a_record_taken_as_held_is_tried_as_moving_between_its_samples(seed):
     drawn = loops.draw(
         seed,
@@ -284,6 +286,7 @@ def risen(here: Together, k: int, value: float) -> float:
 
 
 @pytest.mark.parametrize("seed", [768, 791, 817])
+@pytest.mark.fast("791")
 def test_errors_reach_to_where_the_likelihood_has_fallen(seed: int) -> None:
     drawn = loops.draw(
         seed, n=200, snr=10.0, of=lambda law, _: law.sampled, keep=lambda one: not one.coloured

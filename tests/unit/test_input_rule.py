@@ -96,6 +96,7 @@ def test_noise_that_is_held_shows_the_plant_in_the_rule_of_a_continuous_controll
 
 
 @pytest.mark.parametrize("every", [2, 3])
+@pytest.mark.fast("2")
 def test_a_computer_slower_than_the_record_holds_its_input_for_all_to_see(every):
     """No rule of the samples makes such an input, and it would count as continuous."""
     record = sampled(9, every=every)

@@ -30,6 +30,7 @@ def test_one_delay_of_all_inputs_is_named_first(seed: int) -> None:
     assert told == pytest.approx(LATE, abs=0.3 * DT)
 
 
+@pytest.mark.slow
 def test_inputs_that_are_not_late_are_not_called_so() -> None:
     record = two_inputs(4, 0.0)
     assert not any(f.code == "delay" for f in identify(record, Structure(2, 0)).findings)

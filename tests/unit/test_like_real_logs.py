@@ -163,7 +163,7 @@ def answered(acted, recorded, rng, name="y"):
 
 
 @pytest.mark.parametrize("seed", [41, 42])
-@pytest.mark.fast("41")
+@pytest.mark.slow
 def test_a_gain_that_moves_with_the_speed_is_no_sensor_that_changed(seed):
     u, rng = moved_by(np.linspace(-1.0, 1.0, 9), seed)
     turns, begins = rng.uniform(0.7, 1.2), rng.uniform(0.0, 6.0)
@@ -174,7 +174,7 @@ def test_a_gain_that_moves_with_the_speed_is_no_sensor_that_changed(seed):
 
 
 @pytest.mark.parametrize("seed", [51, 52])
-@pytest.mark.fast("51")
+@pytest.mark.slow
 def test_a_limit_between_two_levels_of_a_command_is_told(seed):
     u, rng = moved_by(np.array([-12.0, -6.0, 0.0, 6.0, 12.0, 30.0]), seed)
     record = answered(np.minimum(u, 24.0), u, rng)
@@ -185,7 +185,7 @@ def test_a_limit_between_two_levels_of_a_command_is_told(seed):
 
 
 @pytest.mark.parametrize("name", ["level", "friction"])
-@pytest.mark.fast("level")
+@pytest.mark.slow
 def test_what_a_channel_is_called_changes_nothing_that_is_found(name):
     u, rng = moved_by(np.linspace(0.0, 2.0, 9), 61)
     record = answered(u * np.abs(u), u, rng, name)

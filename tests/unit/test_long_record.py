@@ -111,7 +111,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-@pytest.mark.fast("held", "several channels with gaps", "direct path", "delayed*")
+@pytest.mark.fast("held", "delayed, lines", "several channels with gaps")
 def test_numbers_are_those_in_memory(name: str, saved: Saved) -> None:
     """Coefficients, errors, fit, nuisance terms and fingerprint, from tiny parts."""
     record, structure = CASES[name]

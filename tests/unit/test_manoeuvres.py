@@ -128,7 +128,7 @@ def test_short_manoeuvres_of_a_long_log_are_found_one_by_one():
 
 
 @pytest.mark.parametrize("hold", [100, 300])
-@pytest.mark.fast("300")
+@pytest.mark.slow
 def test_a_random_sequence_of_long_steps_stays_one_piece(hold):
     rng = np.random.default_rng(hold)
     steps = 40_000 // hold

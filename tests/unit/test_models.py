@@ -246,6 +246,7 @@ def equation_error(e, index, above, c, n, zeros):
     ],
     ids=["paper", "first order", "biproper", "degree of a", "degree of a, biproper"],
 )
+@pytest.mark.fast("paper-True-*", "first order-False-*", "biproper-*")
 def test_series_parallel_model_is_least_squares_on_equation_5(intersample, free, c_poles, n, zeros):
     bank, filter_bank = (
         cascade(np.concatenate([AllPass(GAMMA, K).poles, c_poles])),

@@ -81,6 +81,7 @@ def test_a_short_record_keeps_its_operators(noisy):
     )
 
 
+@pytest.mark.slow
 def test_two_outputs_are_each_told_from_their_noise():
     n = 2000
     r = np.column_stack([steps(n), np.roll(steps(n), 700)])

@@ -155,6 +155,7 @@ def test_it_does_not_matter_where_a_record_is_cut(name):
 
 
 @pytest.mark.parametrize("name", ["least squares", "forgetting", "three models, started"])
+@pytest.mark.fast("least squares", "forgetting")
 def test_quiet_samples_do_go_through_blocks(name):
     """Or the tests above would compare steps with steps."""
     u, y = samples(8, 1, "plain", 12_000)

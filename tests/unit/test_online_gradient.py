@@ -286,6 +286,7 @@ def test_unbiased_where_svf_least_squares_is_not_and_the_standard_errors_are_cre
 
 # ---------------------------------------------------------------------------- rough treatment
 @pytest.mark.parametrize("rate", [1e3, 1e9])
+@pytest.mark.fast("1000000000.0")
 def test_a_huge_rate_does_not_blow_up(rate):
     u, y = recorded(5000, 0.1)
     method = online.Gradient(rate=rate)

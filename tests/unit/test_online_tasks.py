@@ -265,6 +265,7 @@ def test_findings_of_samples_and_noise():
     ],
     ids=lambda one: one.name,
 )
+@pytest.mark.fast("three-model", "kalman", "gradient", "recursive-least-squares")
 def test_three_inputs_and_three_outputs(method):
     rng = np.random.default_rng(16)
     u = rng.choice([-1.0, 1.0], (1000, 3)).repeat(4, 0)
@@ -295,6 +296,7 @@ def test_an_estimator_that_forgets_does_not_keep_its_samples_for_ever():
     assert len(kept_samples(state)) <= 2100
 
 
+@pytest.mark.slow
 def test_an_estimator_that_forgets_soon_keeps_none():
     assert fed(online.ThreeModel(forgetting=0.9), *samples(6, 2600)).stage.past == ()
 
@@ -314,6 +316,7 @@ def test_the_clock_asks_for_a_look_that_no_alarm_asked_for_and_nobody_is_told():
     assert "varying" not in codes
 
 
+@pytest.mark.slow
 def test_refined_coefficients_use_the_pauses_of_noise_that_comes_and_goes():
     """The samples of little noise tell the most; all alike, the errors were half as large again."""
     asked, spread = setting(), []

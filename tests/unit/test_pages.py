@@ -136,6 +136,7 @@ def test_a_validation_shows_the_fit_with_an_offset_of_the_record_itself(tmp_path
 
 
 @pytest.mark.undrawn
+@pytest.mark.slow
 def test_another_plant_is_told_first(tmp_path):
     estimate = identify(record_of(PLANT, 1), Structure(2, 0))
     other = record_of(TransferFunction([20.0], [1.0, 3.0, 20.0]), 3)

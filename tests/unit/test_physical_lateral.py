@@ -99,6 +99,7 @@ def test_roll_that_is_left_out_contradicts_the_map() -> None:
     assert rolling.p_value < 1e-9
 
 
+@pytest.mark.slow
 def test_first_order_with_dead_time_says_what_its_coefficients_say() -> None:
     found = estimate_physical(first_order_dead_time(), heated(0))
     np.testing.assert_allclose(found.theta, found.estimate.theta, rtol=1e-7)

@@ -47,7 +47,7 @@ def of(case):
         *(lambda case, f=f: f(case.estimate) for f, _ in SEVERAL.values()),
     ],
 )
-@pytest.mark.fast("<lambda>0", "<lambda>4", "<lambda>8", "<lambda>10", "<lambda>5")
+@pytest.mark.fast("<lambda>0", "<lambda>4")
 def test_pyplot_has_the_figure(single, draw, tmp_path):
     assert plt.get_fignums() == []
     picture = draw(single)
@@ -130,6 +130,7 @@ def test_a_notebook_shows_the_picture_once_and_no_list(backend, inline):
 
 # --------------------------------------------------------------------------- one or several
 @pytest.mark.parametrize("name", SEVERAL)
+@pytest.mark.fast("step", "impulse", "pole_zero")
 def test_several_models_have_names_and_colours_of_their_own(single, name):
     draw, count = SEVERAL[name]
     picture = draw({"found": single.estimate, "stiff": of(single)})
@@ -347,7 +348,7 @@ QUICKLY = ("online", "plots", "report")
     # a process each; all rooms are opened in the same way
     [pytest.param(r, marks=[] if r in QUICKLY else [pytest.mark.slow]) for r in ROOMS],
 )
-@pytest.mark.fast("plots")
+@pytest.mark.slow
 def test_a_room_is_there_on_first_use(room):
     assert room in dir(tridentify)
     code = f"import tridentify; print(tridentify.{room}.__name__)"

@@ -23,7 +23,8 @@ def run():
     names = {"input_names": ["valve"], "output_names": ["level"]}
     record = Record(u, y, dt=0.05, units={"valve": "V", "level": "m"}, **names)
     method = online.ThreeModel(forgetting=0.998, on_change="flag")
-    return online.run(method, record, Structure(2, 0, offset=False, initial_state="rest"))
+    asked = Structure(2, 0, offset=False, initial_state="rest")
+    return online.run(method, record, asked, every=1.0)
 
 
 def made_up(**changes):

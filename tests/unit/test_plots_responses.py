@@ -79,14 +79,7 @@ def overlaps(figure):
 
 @pytest.mark.parametrize("plant", PLANTS)
 @pytest.mark.parametrize("picture", PICTURES)
-@pytest.mark.fast(
-    "nyquist-rao-garnier",
-    "nyquist-integrator",
-    "step-unstable",
-    "step-far apart",
-    "*-biproper",
-    "*-undamped",
-)
+@pytest.mark.fast("step-biproper", "impulse-undamped", "nyquist-integrator")
 def test_every_plant_can_be_drawn_without_texts_that_overlap(single, picture, plant):
     (ax,) = PICTURES[picture](with_model(single, *PLANTS[plant]))
     assert overlaps(ax.figure) == []
@@ -95,6 +88,7 @@ def test_every_plant_can_be_drawn_without_texts_that_overlap(single, picture, pl
 
 
 @pytest.mark.parametrize("picture", PICTURES)
+@pytest.mark.fast("step")
 def test_channels_have_axes_of_their_own_and_one_axes_serves_a_single_channel(
     single, double, picture
 ):
@@ -341,7 +335,7 @@ def renamed(case):
         lambda estimate, record: plots.plot_comparison([estimate]),
     ],
 )
-@pytest.mark.fast("<lambda>3", "plot_residual")
+@pytest.mark.fast("plot_residual")
 def test_long_names_neither_overlap_nor_leave_any_picture(double, draw):
     axes = draw(*renamed(double))
     assert overlaps(axes[0].figure) == []

@@ -38,6 +38,7 @@ def agrees_with_many_draws(seed, poles, monkeypatch):
     np.testing.assert_array_less(np.abs(few.theta - many.theta), many.std)
 
 
+@pytest.mark.slow
 def test_three_poles_are_found_wherever_they_may_lie(monkeypatch):
     agrees_with_many_draws(88, 3, monkeypatch)
 

@@ -118,7 +118,7 @@ def test_long_records_have_the_same_states(poles, intersample):
 
 
 @pytest.mark.parametrize("intersample", ["zoh", "foh"])
-@pytest.mark.fast("zoh")
+@pytest.mark.slow
 def test_chunks_of_a_long_record_are_the_whole(intersample):
     bank = cascade(ORDERS["three and a pair across the fourth"])
     matrices, n = step(bank, intersample), LONG_INPUT + 1

@@ -20,6 +20,7 @@ def servo(seed: int, rate: float, n_samples: int = 800) -> Record:
 
 
 @pytest.mark.parametrize("seed", range(3))
+@pytest.mark.fast("0")
 def test_it_is_named_beside_a_pole_that_passes_for_it(seed):
     record = servo(seed, np.random.default_rng(seed).uniform(3.0, 6.0))
     estimate = identify(record, Structure(3, 0), throw=False)
@@ -30,6 +31,7 @@ def test_it_is_named_beside_a_pole_that_passes_for_it(seed):
 
 
 @pytest.mark.parametrize("seed", range(3))
+@pytest.mark.fast("1")
 def test_a_real_lag_is_none(seed):
     record = servo(seed, 1e6)
     assert not [one for one in identify(record, Structure(2, 0)).findings if one.matters]

@@ -100,8 +100,8 @@ CASES = {
 }
 
 
-@pytest.mark.fast("delay grows", "rate limit")
 @pytest.mark.parametrize("kind", CASES)
+@pytest.mark.fast("delay grows")
 def test_what_the_recording_did_is_named_first(kind):
     made, code, words = CASES[kind]
     u, y = made(np.random.default_rng(11))
@@ -113,6 +113,7 @@ def test_what_the_recording_did_is_named_first(kind):
         assert float(size) == pytest.approx(0.8, abs=0.02)
 
 
+@pytest.mark.slow
 def test_the_instant_of_a_changed_unit_is_told():
     u, y = with_degrees(np.random.default_rng(12))
     found = identify(Record(u, y, dt=DT), Structure(2, 0)).findings[0]

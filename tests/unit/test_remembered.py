@@ -56,6 +56,7 @@ def test_validation_after_identification_is_the_judgement_that_came_with_it(coun
     assert alike(first, second)
 
 
+@pytest.mark.slow
 def test_who_looks_again_gets_the_judgement_that_was_made(counted):
     # whether an input reacts is asked before all else is, and both take the same tests
     estimate = identify(RECORD, Structure(1, 0), QUICK, throw=False)
@@ -83,7 +84,7 @@ def test_who_looks_again_gets_the_judgement_that_was_made(counted):
         ),
     ],
 )
-@pytest.mark.fast("<lambda>1")
+@pytest.mark.slow
 def test_anything_else_is_judged_by_itself(other, counted):
     estimate, record, options = other(identify(RECORD, Structure(1, 0), QUICK, throw=False))
     validate(estimate, record, **options)

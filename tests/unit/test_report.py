@@ -248,6 +248,7 @@ def test_what_validation_finds_stands_first(single, tmp_path):
     assert html.escape(found.findings[0].message) in text[: text.index('<section id="model">')]
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_a_page_is_not_called_a_pdf(single, tmp_path):
     with pytest.raises(OptionError, match="found the page 'flight"):
         write_report(single.estimate, single.record, tmp_path / "flight.pdf")

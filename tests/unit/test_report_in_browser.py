@@ -160,6 +160,7 @@ def test_nothing_is_wider_than_the_window(seen):
     assert seen["beyond"] == []
 
 
+@pytest.mark.fast("400")
 def test_text_can_be_read(seen):
     assert seen["text"] >= 13.0
     assert seen["drawn"] >= 8.0

@@ -28,6 +28,7 @@ def whitened(estimate):
 
 @pytest.mark.parametrize("n_samples", [250, 1000])
 @pytest.mark.parametrize("poles", [1, 2])
+@pytest.mark.fast("1-250", "2-250")
 def test_a_missing_zero_is_not_taken_for_noise(poles, n_samples):
     plant = TransferFunction([1.0, 2.0], [1.0, 1.2, 4.0])
     record = stepped(plant, n_samples, (0.03, 0.0), 3)

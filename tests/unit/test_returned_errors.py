@@ -80,6 +80,7 @@ def test_the_errors_are_widened_and_told():
 
 
 @pytest.mark.parametrize("kind", ["sampled", "slow"])
+@pytest.mark.fast("sampled")
 def test_nothing_comes_back_where_the_samples_tell_the_input(kind):
     controller = "sampled" if kind == "sampled" else "continuous"
     record = record_of(4, PI if kind == "sampled" else SLOW)
@@ -224,6 +225,7 @@ def test_orders_of_noise_that_chance_chose_make_no_error_smaller():
     np.testing.assert_allclose(_no_less(tall, low), [[4.0, 3.0], [3.0, 9.0]])
 
 
+@pytest.mark.slow
 def test_an_end_whose_errors_follow_the_reference_gives_way_to_a_stable_plant():
     """A slow pole ends to the right of zero; the plant that is stable explains what that misses."""
     theta, rng, dt = np.array([1.8, 1.0, 0.175, 0.28, 0.45]), np.random.default_rng(12), 0.48

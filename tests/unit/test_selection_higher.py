@@ -9,6 +9,8 @@ from tridentify.judgement.selection.higher import higher_candidates
 from tridentify.judgement.selection.orders import default_candidates
 from tridentify.judgement.selection.select import _Work
 
+pytestmark = pytest.mark.unjudged
+
 DT = 0.02
 
 
@@ -36,11 +38,13 @@ def asked(record: Record) -> list[int]:
 
 
 @pytest.mark.parametrize("seed", [0, 2, 4])
+@pytest.mark.fast("0")
 def test_a_third_resonance_asks_for_six_poles(seed):
     assert asked(resonances(seed, 3)) == [6]
 
 
 @pytest.mark.parametrize(("n_modes", "noise"), [(2, 0.05), (2, 1.0), (1, 0.05)])
+@pytest.mark.fast("1-0.05")
 def test_nothing_joins_where_four_poles_are_enough(n_modes, noise):
     assert asked(resonances(5, n_modes, noise)) == []
 

@@ -25,7 +25,7 @@ def driven(plant, rng, n, dt, hold):
 @pytest.mark.parametrize(
     "seed", [3, 5, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 20))]
 )
-@pytest.mark.fast("3")
+@pytest.mark.slow
 def test_spikes_that_follow_a_jump_by_chance_are_bad_samples(seed):
     """One lies where the output is lowest, as if a limit were there."""
     rng = np.random.default_rng([34, seed])

@@ -5,7 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tridentify import Record, Structure, TransferFunction, advise, identify, simulate
+from tridentify import (
+    Record,
+    Structure,
+    ThreeModel,
+    TransferFunction,
+    advise,
+    identify,
+    simulate,
+)
 from tridentify.errors import DataError
 
 
@@ -23,7 +31,7 @@ def test_a_drift_that_was_fitted_is_told_before_another_noise(seed):
     first = found.findings[0]
     assert (first.code, first.severity) == ("drift", "error")
     assert "fit of y from" in first.effect
-    better = identify(record, Structure(2, 1, drift=True))
+    better = ThreeModel().estimate([record], Structure(2, 1, drift=True))
     assert np.all(np.abs(better.theta - [2.4, 16.0, 2.0, 16.0]) < 4.0 * better.std)
 
 

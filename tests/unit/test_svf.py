@@ -197,7 +197,7 @@ def differences(solve, data):
 @pytest.mark.parametrize(
     "structure", [REST, Structure(2, 1, offset=True, initial_state="free")], ids=["rest", "all"]
 )
-@pytest.mark.fast("rest-instruments-n", "all-*")
+@pytest.mark.fast("rest-instruments-n", "all-least squares-n + 1")
 def test_covariance_is_that_of_the_derivatives(filter, instruments, structure):
     """Equation (2): the solution differentiated by every sample, with the instruments held."""
     data, c = record(noise=0.2, duration=4.0), filter_cascade(filter, 2)

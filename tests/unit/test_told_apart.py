@@ -30,7 +30,7 @@ def silent(controller: str, delay: int, seed: int = 0, order: int = 2, **options
 @pytest.mark.parametrize(
     ("controller", "delay", "lags"), [("P", 0, 0), ("P", 1, 1), ("lead", 0, 1), ("lead", 1, 2)]
 )
-@pytest.mark.fast("P-1-1", "lead-1-2", "P-0-0")
+@pytest.mark.fast("P-1-1", "lead-1-2")
 def test_the_memory_of_a_controller_is_counted(controller, delay, lags):
     (law,) = laws([silent(controller, delay).record])
     assert law.lags == lags
@@ -71,6 +71,7 @@ def test_no_two_samples_in_a_row_tell_no_law_with_memory():
     assert law.lags is None
 
 
+@pytest.mark.slow
 def test_a_plant_of_more_poles_than_the_controller_remembers_is_not_told():
     drawn = silent("P", 0)
     estimate = identify(drawn.record, drawn.structure, throw=False)

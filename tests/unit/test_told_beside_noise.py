@@ -75,6 +75,7 @@ def test_a_poor_fit_beside_a_drift_is_no_missing_response() -> None:
     assert "no-response" not in [one.code for one in estimate.findings]
 
 
+@pytest.mark.slow
 def test_a_record_at_rest_says_so_where_a_pole_is_held_at_zero() -> None:
     """An integrator follows slow noise, whatever its gain."""
     rng = np.random.default_rng(2)

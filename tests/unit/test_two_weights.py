@@ -31,6 +31,7 @@ def said(estimate):
     return [told for told in estimate.trace.decisions if IN_WORDS in told]
 
 
+@pytest.mark.slow
 def test_a_pole_that_is_missing_widens_the_errors():
     record = heated(0, 3.0)
     estimate = ThreeModel().estimate([record], Structure(2, 1))

@@ -203,6 +203,7 @@ def test_what_was_decided_is_held():
     assert _held(coloured, ThreeModel(noise="white")).noise == "white"
 
 
+@pytest.mark.slow
 def test_coloured_noise_is_stationary_from_the_first_sample():
     row = np.array([-1.2, 0.5])
     noise = NoiseModel(np.array([2.0, 3.0]), (row, np.empty(0)))

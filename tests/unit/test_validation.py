@@ -197,6 +197,7 @@ def test_coloured_noise_leaves_the_model_good(record):
     assert modelled.ok
 
 
+@pytest.mark.slow
 def test_a_drift_is_named(record):
     slow = 0.4 * np.linspace(0.0, 1.0, N) ** 2
     other = recorded(record.u, record.y[:, 0] + slow)
@@ -226,6 +227,7 @@ def test_outliers_are_named_by_their_times(record):
     assert validate(robust, other).ok
 
 
+@pytest.mark.slow
 def test_feedback_is_named():
     n, e = 2000, noise(2000, 7)
     reference = prbs(n, 8)
@@ -279,6 +281,7 @@ def test_a_response_that_is_not_linear_is_hinted_at():
 
 
 @pytest.mark.judged
+@pytest.mark.slow
 def test_what_a_residual_is_searched_for_is_computed_once(monkeypatch):
     """A look and all tests after it share their columns."""
     asked, own = [], bends.bends
@@ -296,6 +299,7 @@ def test_what_a_residual_is_searched_for_is_computed_once(monkeypatch):
     assert len(asked) == len(set(asked))
 
 
+@pytest.mark.slow
 def test_coefficients_that_change_are_noticed():
     u = prbs(1200, 10)
     a, b = response(u), response(u, TransferFunction([9.0], [1.0, 1.2, 10.5]))
@@ -335,6 +339,7 @@ def test_another_plant_is_told_from_another_noise(estimate):
     assert not other.ok
 
 
+@pytest.mark.slow
 def test_a_residual_that_a_wrong_plant_makes_large_is_not_called_noise(estimate):
     u = prbs(400, 24)
     found = validate(estimate, recorded(u, response(u, TransferFunction([3.0], [1.0, 2.0]))))

@@ -37,6 +37,7 @@ def test_an_input_of_another_record_is_not_called_right() -> None:
     assert found.verdict.startswith(found.findings[0].message[:-1])
 
 
+@pytest.mark.slow
 def test_a_sensor_that_hung_comes_before_what_it_makes_of_the_residual() -> None:
     rng = np.random.default_rng(2)
     u = np.repeat(rng.choice([-1.0, 1.0], N // 20), 20)

@@ -126,7 +126,8 @@ def run(
     >>> from tridentify import Record, Structure, TransferFunction, online, simulate
     >>> u = np.sign(np.sin(np.arange(400) ** 1.5))
     >>> y = simulate(TransferFunction([2.0], [1.0, 4.0]), Record(u, u, dt=0.02))
-    >>> found = online.run(online.ThreeModel(), Record(u, y, dt=0.02), Structure(1, 0))
+    >>> record = Record(u, y, dt=0.02)
+    >>> found = online.run(online.ThreeModel(), record, Structure(1, 0), every=1.0)
     >>> found.theta[-1].round(6).tolist(), found.estimate.status.value
     ([4.0, 2.0], 'converged')
     """
