@@ -11,7 +11,7 @@ import numpy as np
 from tridentify.errors import OptionError
 from tridentify.estimation.answer.trace import freeze_arrays
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.quantiles import quantiles
+from tridentify.numerics.quantiles import around
 
 NOT_DETERMINED = "not determined"
 """What tables show in place of such a number (`Parameter.determined`)."""
@@ -71,18 +71,40 @@ class Parameter:
     def interval(self, level: float = 0.95) -> tuple[float, float]:
         """Interval that holds the probability ``level``.
 
-        Gaussian; between quantiles of the draws where the estimate is a posterior mean, drawn out
-        to the mean where that lies in their tail. That of a delay begins at zero at the earliest.
+        Gaussian; where the estimate is a posterior mean, between quantiles of the draws that leave
+        out as much on either side of the value as lies there (`numerics.quantiles.around`), so that
+        it lies inside. That of a delay begins at zero at the earliest.
         """
         level = checked_level(level)
         if self.draws.size:
             if np.isnan(self.draws).any():
                 return math.nan, math.nan
-            low, high = quantiles(self.draws, ((1 - level) / 2, (1 + level) / 2)).tolist()
-            return min(low, self.value), max(high, self.value)
+            ends = around(self.draws, np.array(self.value), level)
+            return float(ends[0]), float(ends[1])
         half = NormalDist().inv_cdf((1 + level) / 2) * self.std
         low = self.value - half
         return max(low, 0.0) if self.name.startswith("delay") else low, self.value + half
+
+    @property
+    def told_to(self) -> float:
+        """To which error the value is written: the standard error, or the room in its interval.
+
+        An interval that is not symmetric may end much nearer to the value than a standard error
+        away; rounded to that the value would lie outside.
+
+        Examples
+        --------
+        >>> Parameter("a0", 4.8, 120.0).told_to
+        120.0
+        >>> draws = np.geomspace(1.0, 500.0, 1001)
+        >>> round(Parameter("a0", 4.8, 120.0, draws=draws).told_to, 1)
+        3.7
+        """
+        if not (self.draws.size and self.std > 0):
+            return self.std
+        low, high = self.interval()
+        room = [one for one in (self.value - low, high - self.value) if one > 0]
+        return min([self.std, *room])
 
     @property
     def relative_std(self) -> float:
