@@ -177,7 +177,8 @@ def _with_room(low: Array, high: Array, middle: Array, sign: Array) -> tuple[Arr
         start, value, end = scale(low), scale(middle), scale(high)
         below, above = np.maximum(end - value, 0.0), np.maximum(value - start, 0.0)
         below, above = (ROOM * np.where(np.isfinite(one), one, 0.0) for one in (below, above))
+        known = np.isfinite(value)
         return (
-            np.where(value - start < below, back(value - below), low),
-            np.where(end - value < above, back(value + above), high),
+            np.where(known & (value - start < below), back(value - below), low),
+            np.where(known & (end - value < above), back(value + above), high),
         )
