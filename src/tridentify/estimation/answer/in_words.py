@@ -214,8 +214,8 @@ def _row(parameter: Parameter, held: str = "") -> tuple[str, ...]:
     value, std, told = parameter.value, parameter.std, parameter.told_to
     if not parameter.determined:
         return parameter.name, NOT_DETERMINED, "", "", "", parameter.unit
-    ends = [format_value(end, told) for end in parameter.interval()] if std > 0 else ["", ""]
-    return parameter.name, format_value(value, told), format_std(std) or held, *ends, parameter.unit
+    shown = format_value(value, told), format_std(std) or held, *parameter.written_ends
+    return parameter.name, *shown, parameter.unit
 
 
 def _told_to(values: Array, std: Array, draws: Array) -> Array:

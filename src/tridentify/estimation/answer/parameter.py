@@ -12,6 +12,7 @@ from tridentify.errors import OptionError
 from tridentify.estimation.answer.trace import freeze_arrays
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.quantiles import around
+from tridentify.writing.layout import format_value
 
 NOT_DETERMINED = "not determined"
 """What tables show in place of such a number (`Parameter.determined`)."""
@@ -105,6 +106,26 @@ class Parameter:
         low, high = self.interval()
         room = [one for one in (self.value - low, high - self.value) if one > 0]
         return min([self.std, *room])
+
+    @property
+    def written_ends(self) -> tuple[str, str]:
+        """Both ends of the interval of 95 % as tables write them; empty without an error.
+
+        Examples
+        --------
+        >>> Parameter("a0", 3.0, 0.1).written_ends
+        ('2.80', '3.20')
+        >>> draws = np.geomspace(0.3, 300.0, 1001)
+        >>> Parameter("time constant", 48.0, 78.0, draws=draws).written_ends
+        ('0.39', '274')
+        """
+        if not self.std > 0:
+            return "", ""
+        told, ends = self.told_to, self.interval()
+        # where one end is decades below the other, what it is shows only in its own digits
+        digits = [min(told, abs(end) or told) if self.draws.size else told for end in ends]
+        low, high = (format_value(end, one) for end, one in zip(ends, digits, strict=True))
+        return low, high
 
     @property
     def relative_std(self) -> float:
