@@ -9,9 +9,19 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from tridentify import Record, Structure, TransferFunction, TridentifyError, identify, simulate
+from tridentify import (
+    Record,
+    Status,
+    Structure,
+    ThreeModel,
+    TransferFunction,
+    TridentifyError,
+    identify,
+    simulate,
+)
 from tridentify.cli.tables import estimate_document
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.uncertainty import sample, sampled_response_band, sampled_step_band
 
 pytestmark = pytest.mark.unjudged
 
@@ -95,6 +105,89 @@ def _outside_of(document: object, where: str) -> list[str]:
         for one in document:
             found += _outside_of(one, where)
     return found
+
+
+def with_room(estimate: Estimate) -> list[str]:
+    """Of a posterior mean: what lies near an end of its interval, or is not what the model has."""
+    found = []
+    for one in (*estimate.parameters.values(), *estimate.derived()):
+        low, high = one.interval()
+        sides = np.array([one.value - low, high - one.value])
+        if one.draws.min() > 0.0 or one.draws.max() < 0.0:
+            sides = np.abs(np.log(np.abs([low / one.value, high / one.value])))
+        if sides.min() < 0.05 * sides.sum():
+            found.append(f"{one.name}: {one.value} near an end of {low} .. {high}")
+    rows = estimate.derived_rows()
+    found += [
+        f"{one.name}: {one.value}, of the model {row[1]}"
+        for one, row in zip(estimate.derived(), rows, strict=True)
+        if one.value != row[1]
+    ]
+    return found
+
+
+def from_printed(estimate: Estimate) -> list[str]:
+    """What follows from the printed coefficients and lies outside of its printed interval."""
+    matches = [ROW.match(line) for line in estimate.summary().splitlines()]
+    rows = {
+        row["name"]: tuple(float(row[k].replace(",", "")) for k in ("value", "low", "high"))
+        for row in matches
+        if row
+    }
+    a = [rows[f"a{k}"][0] for k in range(estimate.structure.poles) if f"a{k}" in rows]
+    wanted = {"dc gain": rows["b0"][0] / a[0]}
+    if len(a) == 1:
+        wanted |= {"real pole": -a[0], "time constant": 1.0 / a[0]}
+    elif len(a) == 2 and a[1] ** 2 < 4.0 * a[0]:
+        wanted |= {"natural frequency": a[0] ** 0.5, "damping": a[1] / (2.0 * a[0] ** 0.5)}
+    return [
+        f"{name}: {value} by the printed coefficients, not in {rows[name]}"
+        for name, value in wanted.items()
+        if name in rows and not rows[name][1] <= value <= rows[name][2]
+    ]
+
+
+BURIED = {
+    1: ([2.0], [1.0, 1.5]),
+    2: ([0.5], [1.0, 1.0, 3.0]),
+    3: ([3.0, 6.0], [1.0, 2.2, 10.2, 9.0]),
+}
+"""Poles -> a plant whose record is noise for the most part."""
+
+
+def buried(poles: int, seed: int) -> Record:
+    """A short record with noise of three times the response."""
+    rng = np.random.default_rng([seed, poles])
+    n, hold = int(rng.choice([50, 100, 200])), int(rng.integers(5, 20))
+    dt = float(rng.uniform(0.05, 0.15))
+    u = np.ones(n) if seed % 2 else np.repeat(rng.choice([-1.0, 1.0], n // hold + 1), hold)[:n]
+    clean = simulate(TransferFunction(*BURIED[poles]), Record(u, u, dt=dt))[:, 0]
+    return Record(u, clean + 3.0 * np.std(clean) * rng.standard_normal(n), dt=dt)
+
+
+@pytest.mark.parametrize(
+    ("poles", "seed"),
+    [
+        *((k, 0) for k in BURIED),
+        *(pytest.param(k, s, marks=pytest.mark.slow) for k in BURIED for s in range(1, 20)),
+    ],
+)
+def test_values_of_a_posterior_mean_have_room_in_their_intervals(poles: int, seed: int) -> None:
+    record = buried(poles, seed)
+    rest = {"offset": False, "initial_state": "rest"}
+    structure = Structure(poles, int(poles > 2), **rest)  # type: ignore[arg-type]
+    method = ThreeModel(noise="white", finish="posterior")
+    estimate = identify(record, structure, method, throw=False)
+    assert estimate.status is Status.POSTERIOR_MEAN
+    assert outside(estimate, record) == []
+    assert with_room(estimate) == []
+    assert from_printed(estimate) == []
+    drawn = sample(estimate, 300)
+    response = sampled_response_band(drawn, np.geomspace(0.1, 30.0, 12))
+    assert np.all(response.magnitude_low <= response.magnitude)
+    assert np.all(response.magnitude <= response.magnitude_high)
+    step = sampled_step_band(drawn, np.linspace(0.0, 8.0, 12))
+    assert np.all((step.low <= step.response) & (step.response <= step.high))
 
 
 FEW = (2, 3)

@@ -186,16 +186,22 @@ def test_covariance_is_that_of_gaussian_draws():
     rng = np.random.default_rng(0)
     root = np.array([[2.0, 0.0], [-1.0, 0.5]])
     draws = rng.standard_normal((200_000, 2)) @ root.T
-    found = Posterior(np.array([-1.0 + 0j]), draws, 1.0, 1).covariance
+    found = Posterior(np.array([-1.0 + 0j]), draws, 1.0, 1).covariance_about(np.zeros(2))
     assert found == pytest.approx(root @ root.T, rel=0.02)
 
 
 def test_covariance_forgives_a_far_draw():
     draws = np.random.default_rng(0).standard_normal((10_000, 2))
-    before = Posterior(np.zeros(1), draws, 1.0, 1).covariance
+    before = Posterior(np.zeros(1), draws, 1.0, 1).covariance_about(np.zeros(2))
     draws[0] = 1e12
-    after = Posterior(np.zeros(1), draws, 1.0, 1).covariance
+    after = Posterior(np.zeros(1), draws, 1.0, 1).covariance_about(np.zeros(2))
     assert after == pytest.approx(before, abs=0.01)
+
+
+def test_the_error_of_a_mean_in_the_tail_reaches_the_bulk():
+    draws = np.random.default_rng(0).standard_normal((10_000, 1))
+    (variance,) = Posterior(np.zeros(1), draws, 1.0, 1).covariance_about(np.array([4.0])).ravel()
+    assert 2.0 < np.sqrt(variance) < 4.0
 
 
 # --------------------------------------------------------------------------------------- vagueness
@@ -281,9 +287,12 @@ def test_draws_are_there_to_read_only(short):
 def test_intervals_are_quantiles_of_the_draws(short):
     _, estimate = short
     for k, parameter in enumerate(estimate.parameters.values()):
-        expected = np.quantile(estimate.draws[:, k], [0.05, 0.95])
+        share = np.mean(estimate.draws[:, k] < parameter.value)
+        assert 0.02 < share < 0.98
+        expected = np.quantile(estimate.draws[:, k], [0.1 * share, 0.9 + 0.1 * share])
         assert parameter.interval(0.9) == pytest.approx(tuple(expected))
-        low, high = np.quantile(estimate.draws[:, k], [0.1586553, 0.8413447])
+        ends = [0.3173105 * share, 1.0 - 0.3173105 * (1.0 - share)]
+        low, high = np.quantile(estimate.draws[:, k], ends)
         assert parameter.std == pytest.approx((high - low) / 2.0, rel=1e-4)
 
 
@@ -484,8 +493,12 @@ def test_the_reason_names_what_the_record_does_not_see(unseen_pair):
 
 def test_intervals_are_drawn_out_to_a_mean_in_the_tail():
     draws = np.linspace(2.0, 3.0, 101)
-    assert Parameter("a0", 1.5, 0.3, "", draws).interval() == pytest.approx((1.5, 2.975))
+    low, high = Parameter("a0", 1.5, 0.3, "", draws).interval()
+    assert high == pytest.approx(2.95)
+    assert np.log(1.5 / low) == pytest.approx(0.1 * np.log(high / 1.5))
     assert Parameter("a0", 2.5, 0.3, "", draws).interval() == pytest.approx((2.025, 2.975))
+    ends = 2.0 + 0.05 * 20.5 / 101, 2.95 + 0.05 * 20.5 / 101
+    assert Parameter("a0", 2.2, 0.3, "", draws).interval() == pytest.approx(ends)
 
 
 @pytest.mark.parametrize("finish", ["mean", "", "Posterior", None, True, 1])

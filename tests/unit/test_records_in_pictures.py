@@ -118,8 +118,8 @@ def test_summary_tables_and_draws_tell_the_same(vague):
     drawn = sampled_derived(sample(estimate, n_draws=len(estimate.draws)))
     text = estimate.summary()
     for item, other in zip(derived(estimate), drawn, strict=True):
-        assert item.value == other.value == np.median(item.draws)
-        assert item.interval() == pytest.approx((other.low, other.high), rel=0.1, abs=0.02)
+        assert item.value == other.value
+        assert item.interval() == pytest.approx((other.low, other.high))
         assert item.std == pytest.approx(other.spread, rel=0.1)
         line = next(line for line in text.splitlines() if line.startswith(item.name))
         numbers = [float(n) for n in re.findall(r"-?[\d.]+(?:e[-+]\d+)?", line)][:4]

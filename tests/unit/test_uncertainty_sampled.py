@@ -101,7 +101,11 @@ def test_posterior_draws_are_taken_where_there_are_some(single):
     damping = uncertainty.derived(estimate)[1]
     drawn = own[:, 0] / (2.0 * np.sqrt(own[:, 1]))
     assert damping.name == "damping"
-    assert damping.interval(0.9) == pytest.approx(np.quantile(drawn, [0.05, 0.95]))
+    share = np.mean(drawn < damping.value)
+    ends = np.quantile(drawn, [0.1 * share, 0.9 + 0.1 * share])
+    assert damping.interval(0.9) == pytest.approx(ends)
+    every = uncertainty.sampled_derived(sample, 0.9)
+    assert (every[1].low, every[1].high) == pytest.approx(ends)
 
 
 def loose(single, theta, std):

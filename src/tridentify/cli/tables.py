@@ -262,8 +262,8 @@ def parameter_row(item: Parameter, held: str = "") -> tuple[str, ...]:
     """Name, value, error (or why it has none), 95 % interval and unit of a parameter."""
     if not item.determined or math.isnan(item.value):
         return short(item.name, IN_TABLES), NOT_DETERMINED, "", "", "", short(item.unit, IN_TABLES)
-    ends = [format_value(end, item.std) for end in item.interval()] if item.std > 0 else ["", ""]
-    value, std = format_value(item.value, item.std), format_std(item.std) or held
+    value, std = format_value(item.value, item.told_to), format_std(item.std) or held
+    ends = item.written_ends
     return short(item.name, IN_TABLES), value, std, *ends, short(item.unit, IN_TABLES)
 
 

@@ -209,7 +209,7 @@ def key_number(item: Parameter) -> KeyNumber:
     """A quantity as it is shown first."""
     return KeyNumber(
         short(item.name, IN_TABLES),
-        format_value(item.value, item.std),
+        format_value(item.value, item.told_to),
         format_std(item.std),
         "" if item.unit == "-" else item.unit,
     )

@@ -97,10 +97,10 @@ def quantity_row(item: Parameter, held: str = "") -> Row:
         return (name, "not determined", "", "", "", "", unit)
     if not std > 0:
         return (name, format_value(value), held, "", "", "", unit)
-    ends = [format_value(end, std) for end in item.interval()]
     known = item.relative_std < NOT_DETERMINED
     relative = f"{100 * item.relative_std:.2g} %" if known else "not determined"
-    return (name, format_value(value, std), format_std(std), relative, *ends, unit)
+    shown = format_value(value, item.told_to), format_std(std), relative, *item.written_ends
+    return (name, *shown, unit)
 
 
 def course_tables(estimate: Estimate) -> list[ReportTable]:

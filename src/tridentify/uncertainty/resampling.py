@@ -50,6 +50,7 @@ from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.identify import METHODS
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.executor import Executor
+from tridentify.numerics.quantiles import ONE_SIGMA
 from tridentify.numerics.realization import sort_poles
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.record.record import Record
@@ -59,7 +60,7 @@ from tridentify.uncertainty.checks import checked_count
 from tridentify.uncertainty.draws import unstable
 from tridentify.uncertainty.intervals import Kind, intervals, quantiles
 from tridentify.uncertainty.noise import NoiseModel
-from tridentify.uncertainty.sampled import ONE_SIGMA, Sample
+from tridentify.uncertainty.sampled import Sample
 from tridentify.writing.layout import format_std, format_table, format_value
 
 

@@ -14,6 +14,10 @@ formal static gain ``b_0 / a_0`` and response ``G(j omega)``), and `Sample.n_uns
 there are. Who does know that the system is stable asks `Sample.stable`, or draws on a scale on
 which all are stable: ``sample(..., scale="stable")``.
 
+*Posterior draws* belong to an estimate that is a posterior mean, and their percentiles are those of
+its own intervals: the probability outside is shared between the two sides as the draws are
+(`numerics.quantiles.around`), so that the estimate lies inside.
+
 References: T. Krinsky & A. L. Robb, Review of Economics and Statistics 68, 715-719 (1986); B. Efron
 & R. J. Tibshirani, *An Introduction to the Bootstrap* (1993).
 """
@@ -29,9 +33,11 @@ import numpy.typing as npt
 
 from tridentify.errors import OptionError
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.parameter import checked_level
 from tridentify.estimation.answer.trace import freeze_arrays
 from tridentify.numerics import delta_method
 from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.quantiles import ONE_SIGMA, around
 from tridentify.numerics.root_draws import stacked_roots
 from tridentify.uncertainty.checks import checked_count, checked_times, need_covariance
 from tridentify.uncertainty.draws import (
@@ -45,9 +51,6 @@ from tridentify.uncertainty.frequency import ResponseBand
 from tridentify.uncertainty.intervals import Kind, intervals, quantiles
 from tridentify.uncertainty.stable_scale import stable_draws
 from tridentify.uncertainty.step import ImpulseBand, StepBand, direct_terms
-
-ONE_SIGMA = 0.6826894921370859
-"""Probability within one standard deviation of a normal variable."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,8 +104,8 @@ class SampledQuantity:
         Of the draws: its distance from ``value`` is the bias that a curved quantity, or the
         estimator, has.
     spread : float
-        Half the width of the central 68.27 % of the draws: the standard error where the draws are
-        Gaussian, and finite where their tails have no variance.
+        Half the width of the interval of 68.27 %: the standard error where the draws are Gaussian,
+        and finite where their tails have no variance.
     unit : str
     level : float
     """
@@ -227,7 +230,7 @@ def sampled_coefficients(
     tuple of SampledQuantity
     """
     rows = [(p.name, p.value, p.unit) for p in sample.estimate.parameters.values()]
-    return _quantities(rows, sample.theta, level, kind)
+    return _quantities(sample, rows, sample.theta, level, kind)
 
 
 def sampled_derived(
@@ -239,7 +242,7 @@ def sampled_derived(
     `sampled_coefficients`.
     """
     rows = [(p.name, p.value, p.unit) for p in sample.estimate.derived()]
-    return _quantities(rows, sample.estimate.derived_values(sample.theta), level, kind)
+    return _quantities(sample, rows, sample.estimate.derived_values(sample.theta), level, kind)
 
 
 def sampled_poles(
@@ -252,7 +255,7 @@ def sampled_poles(
 ) -> SampledRoots:
     """Poles of one channel with intervals of their real and imaginary parts."""
     den = sample.estimate.channel_draws(sample.theta, output, input_)[1]
-    return _roots(den, sample.estimate.model.den[output][input_], level, kind)
+    return _roots(sample, den, sample.estimate.model.den[output][input_], level, kind)
 
 
 def sampled_zeros(
@@ -265,7 +268,7 @@ def sampled_zeros(
 ) -> SampledRoots:
     """Zeros of one channel with intervals of their real and imaginary parts."""
     num = sample.estimate.channel_draws(sample.theta, output, input_)[0]
-    return _roots(num, sample.estimate.model.num[output][input_], level, kind)
+    return _roots(sample, num, sample.estimate.model.num[output][input_], level, kind)
 
 
 def sampled_response_band(
@@ -294,9 +297,9 @@ def sampled_response_band(
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         ratio = drawn / response
         turned = np.angle(ratio)
-        low, high = intervals(np.log(np.abs(ratio)), np.zeros(magnitude.shape), level, kind)
+        low, high = _ends(sample, np.log(np.abs(ratio)), np.zeros(magnitude.shape), level, kind)
         ends = magnitude * np.exp(low), magnitude * np.exp(high)
-    back, ahead = intervals(turned, np.zeros(magnitude.shape), level, kind)
+    back, ahead = _ends(sample, turned, np.zeros(magnitude.shape), level, kind)
     return ResponseBand(grid, magnitude, *ends, phase, phase + back, phase + ahead, level)
 
 
@@ -325,7 +328,8 @@ def _over_time(
     """Times, response of the estimate, and the band of the draws."""
     estimate, times = sample.estimate, checked_times(t)
     centre = values(estimate, np.asarray(estimate.theta)[None], times)[0]
-    return times, centre, *intervals(values(estimate, sample.theta, times), centre, level, kind)
+    drawn = values(estimate, sample.theta, times)
+    return times, centre, *_ends(sample, drawn, centre, level, kind)
 
 
 def sampled_impulse_band(
@@ -344,12 +348,22 @@ def sampled_impulse_band(
     return ImpulseBand(*band, direct_terms(sample.estimate), level)
 
 
+def _ends(
+    sample: Sample, values: Array, at: Array, level: float, kind: Kind
+) -> tuple[Array, Array]:
+    """`intervals`; of a posterior mean those that the estimate itself has."""
+    if kind == "percentile" and sample.origin == "posterior":
+        return around(values, at, checked_level(level))
+    return intervals(values, at, level, kind)
+
+
 def _quantities(
-    rows: list[tuple[str, float, str]], values: Array, level: float, kind: Kind
+    sample: Sample, rows: list[tuple[str, float, str]], values: Array, level: float, kind: Kind
 ) -> tuple[SampledQuantity, ...]:
-    ends = intervals(values, np.array([row[1] for row in rows]), level, kind)
+    at = np.array([row[1] for row in rows])
+    ends = _ends(sample, values, at, level, kind)
     (middle,) = quantiles(values, np.full((1, len(rows)), 0.5))
-    below, above = intervals(values, 0.0, ONE_SIGMA)
+    below, above = _ends(sample, values, at, ONE_SIGMA, "percentile")
     numbers = np.stack([*ends, middle, 0.5 * (above - below)], axis=1).tolist()
     return tuple(
         SampledQuantity(name, float(value), low, high, median, spread, unit, level)
@@ -357,12 +371,14 @@ def _quantities(
     )
 
 
-def _roots(polynomials: Array, reference: Array, level: float, kind: Kind) -> SampledRoots:
+def _roots(
+    sample: Sample, polynomials: Array, reference: Array, level: float, kind: Kind
+) -> SampledRoots:
     lead = int(np.flatnonzero(reference)[0]) if np.any(reference) else len(reference) - 1
     centre = delta_method.root_sensitivity(reference[lead:], monic=False)[0]
     drawn = root_parts(stacked_roots(polynomials[:, lead:]), centre)
-    real = intervals(drawn.real, centre.real, level, kind)
-    imag = intervals(drawn.imag, centre.imag, level, kind)
+    real = _ends(sample, drawn.real, centre.real, level, kind)
+    imag = _ends(sample, drawn.imag, centre.imag, level, kind)
     own = centre.imag != 0
     low, high = np.where(own, imag[0], 0.0), np.where(own, imag[1], 0.0)
     return SampledRoots(centre, real[0], real[1], low, high, drawn, level)

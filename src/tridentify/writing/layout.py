@@ -85,36 +85,40 @@ def format_std(std: float) -> str:
     return f"{std:.1e}"
 
 
-def format_pair(value: float, std: float) -> tuple[str, str, str]:
+def format_pair(value: float, std: float, finer: float = math.inf) -> tuple[str, str, str]:
     """A value and its standard error in one notation: both numbers, and the exponent they share.
 
-    The exponent is empty where both are short without one, or too far apart to share one.
+    The exponent is empty where both are short without one, or too far apart to share one. The value
+    has the digits of the smaller of ``std`` and ``finer``.
 
     Examples
     --------
     >>> format_pair(5.2e-4, 6.7e-5), format_pair(1.02, 0.04), format_pair(1.5e8, 2e6)
     (('5.20', '0.67', 'e-04'), ('1.020', '0.040', ''), ('1.500', '0.020', 'e+08'))
+    >>> format_pair(4.8, 120.0), format_pair(4.8, 120.0, 3.6)
+    (('0', '120', ''), ('4.8', '120', ''))
     """
-    plain = format_value(value, std), format_std(std)
+    told = min(std, finer)
+    plain = format_value(value, told), format_std(std)
     if not any("e" in text for text in plain) or not (math.isfinite(value) and std < math.inf):
         return *plain, ""
     shared = math.floor(math.log10(max(abs(value), std)))
-    digits = shared - math.floor(math.log10(std)) + 1
+    digits = shared - math.floor(math.log10(told)) + 1
     if digits > MOST_DIGITS or abs(shared) > MOST_POWER:
         return *plain, ""
     scaled = round(value / 10.0**shared, digits) + 0.0  # no minus before a zero
     return f"{scaled:.{digits}f}", f"{std / 10.0**shared:.{digits}f}", f"e{shared:+03d}"
 
 
-def with_error(value: float, std: float) -> str:
-    """A value with its standard error in brackets, as text.
+def with_error(value: float, std: float, finer: float = math.inf) -> str:
+    """A value with its standard error in brackets, as text; ``finer`` as in `format_pair`.
 
     Examples
     --------
     >>> with_error(5.2e-4, 6.7e-5), with_error(1.02, 0.04)
     ('(5.20 +/- 0.67)e-04', '(1.020 +/- 0.040)')
     """
-    number, error, power = format_pair(value, std)
+    number, error, power = format_pair(value, std, finer)
     return f"({number} +/- {error}){power}"
 
 
@@ -145,8 +149,12 @@ def p_in_words(p_value: float) -> str:
     return f"p {shown}" if shown.startswith("<") else f"p = {shown}"
 
 
-def format_polynomial(coefficients: Iterable[float], std: Iterable[float]) -> str:
+def format_polynomial(
+    coefficients: Iterable[float], std: Iterable[float], finer: Iterable[float] | None = None
+) -> str:
     """A polynomial in s with +/- one standard deviation on each coefficient.
+
+    The values have the digits of ``finer`` where these are smaller (`format_pair`).
 
     Examples
     --------
@@ -155,11 +163,12 @@ def format_polynomial(coefficients: Iterable[float], std: Iterable[float]) -> st
     """
     text = ""
     pairs = list(zip(coefficients, std, strict=True))
+    told = [math.inf] * len(pairs) if finer is None else list(finer)
     for k, (value, error) in enumerate(pairs, 1):
         power = len(pairs) - k
         factor = "" if power == 0 else "s" if power == 1 else f"s^{power}"
         if error and not math.isnan(error):
-            number = with_error(value, error)
+            number = with_error(value, error, told[k - 1])
             sign = "+"
         else:
             number = format_value(abs(value))

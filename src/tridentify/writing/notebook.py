@@ -18,7 +18,7 @@ INK = "#0072B2"
 
 
 def fraction(
-    left: str, num: Sequence[tuple[float, float]], den: Sequence[tuple[float, float]], factor: str
+    left: str, num: Sequence[tuple[float, ...]], den: Sequence[tuple[float, ...]], factor: str
 ) -> str:
     """``left = factor num / den`` as MathML.
 
@@ -26,8 +26,9 @@ def fraction(
     ----------
     left : str
         What the fraction is.
-    num, den : sequence of (float, float)
-        Coefficients in descending powers of s, with their standard errors.
+    num, den : sequence of (float, float) or (float, float, float)
+        Coefficients in descending powers of s with their standard errors, and to what they are told
+        where that is finer (`layout.format_pair`).
     factor : str
         Text before the fraction; may be empty.
 
@@ -47,14 +48,14 @@ def fraction(
     return f'<math display="block">{name}<mo>=</mo>{before}{over}</math>'
 
 
-def _polynomial(pairs: Sequence[tuple[float, float]]) -> str:
+def _polynomial(pairs: Sequence[tuple[float, ...]]) -> str:
     terms: list[str] = []
-    for k, (value, error) in enumerate(pairs, 1):
+    for k, (value, error, *finer) in enumerate(pairs, 1):
         power = len(pairs) - k
         known = bool(error) and not math.isnan(error)
         sign = "-" if value < 0 and not known else "+"
         if known:
-            number, spread, exponent = format_pair(value, error)
+            number, spread, exponent = format_pair(value, error, *finer)
             shown = f"<mo>(</mo>{_number(number)}<mo>&#177;</mo>{_number(spread)}<mo>)</mo>"
             shown = f"<mrow>{shown}{_power(exponent)}</mrow>"
         else:

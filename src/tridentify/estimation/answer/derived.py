@@ -12,6 +12,7 @@ from tridentify.estimation.answer.content import Content
 from tridentify.estimation.answer.parameter import Parameter
 from tridentify.numerics import delta_method
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.quantiles import ONE_SIGMA, around
 from tridentify.numerics.root_draws import pole_values
 from tridentify.writing.layout import unit_ratio
 
@@ -19,8 +20,6 @@ Row = tuple[str, float, float, str]
 HELD = 1e-17
 """A derived error below this share of its value is no error: a tenth of the rounding of a
 double."""
-ONE_SIGMA = 0.6826894921370859
-"""Probability within one standard deviation of a Gaussian, erf(1 / sqrt 2)."""
 
 
 class Derived(Content):
@@ -146,23 +145,20 @@ class Derived(Content):
     def derived(self) -> tuple[Parameter, ...]:
         """Poles, dampings and static gains with standard errors and intervals.
 
-        Of a posterior mean from its draws: their median, between quantiles, and half the width of
-        their central 68.27 % in place of a standard error, which is finite where their tails have
-        no variance. (What the mean coefficients give may lie outside.) Else to first order.
+        The values are always those of the model. Errors and intervals of a posterior mean are those
+        of its draws, with half the width of the interval of 68.27 % in place of a standard error,
+        which is finite where their tails have no variance; else to first order.
         """
         rows = self.derived_rows()
         if not len(self.draws):
             return tuple(Parameter(*row) for row in rows)
         values = self.derived_values(np.asarray(self.draws))
-        ends = 0.5 + 0.5 * ONE_SIGMA * np.array([-1.0, 1.0])
+        low, high = around(values, np.array([row[1] for row in rows]), ONE_SIGMA)
         with np.errstate(invalid="ignore"):
-            low, centre, high = np.nanquantile(values, (ends[0], 0.5, ends[1]), axis=0)
             spread = (0.5 * (high - low)).tolist()
-        means = np.array([row[1] for row in rows])
-        centre = np.where(np.isfinite(centre), centre, means).tolist()
         return tuple(
-            Parameter(name, centre[k], spread[k], unit, values[:, k])
-            for k, (name, _, _, unit) in enumerate(rows)
+            Parameter(name, value, spread[k], unit, values[:, k])
+            for k, (name, value, _, unit) in enumerate(rows)
         )
 
     def _unit(self, name: str) -> str:

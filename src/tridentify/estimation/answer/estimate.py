@@ -117,8 +117,8 @@ class Estimate(EstimateInWords, EstimateViews):
         return sorted(set(super().__dir__()) - _FOR_OTHER_ROOMS)
 
     def __repr__(self) -> str:
-        pairs = zip(self.names, self.theta, self.std, strict=True)
-        values = ", ".join(f"{name}={format_value(v, std)}" for name, v, std in pairs)
+        rows = self.parameters.values()
+        values = ", ".join(f"{p.name}={format_value(p.value, p.told_to)}" for p in rows)
         return f"Estimate({self.method}: {self.status.value}; {values})"
 
     def predict(self, record: Record, *, experiment: int = 0) -> Array:

@@ -30,7 +30,7 @@ _CRITERIA = re.compile(r"(?<=: lowest AICc) \(.*\)| \(of -2 log L: .*\)")
 """Behind a decision: how much worse the other choices are."""
 _WIDTH = 78
 """Characters a line of the summary: fits a terminal of 80."""
-_Fraction = tuple[tuple[str, str], tuple[tuple[Array, Array], ...], float, float]
+_Fraction = tuple[tuple[str, str], tuple[tuple[Array, Array, Array], ...], float, float]
 _TITLES = ("coefficient", "value", "std error", "95 % from", "to", "unit")
 
 
@@ -184,26 +184,41 @@ class EstimateInWords(Derived):
         found = []
         for names, top_and_below, late, error in self._fractions():
             top, below = (
-                list(zip(value.tolist(), std.tolist(), strict=True)) for value, std in top_and_below
+                list(zip(*(part.tolist() for part in parts), strict=True))
+                for parts in top_and_below
             )
             delay = f"exp(-{format_value(late, error)} s) " if late else ""
             found.append(fraction(" / ".join(names), top, below, delay))
         return "".join(found)
 
     def _fractions(self) -> Iterator[_Fraction]:
-        """Names, numerator and denominator with their errors, delay and its error, by channel."""
+        """Names, numerator and denominator, delay and its error, by channel.
+
+        Of numerator and denominator the values, their errors, and what they are told to.
+        """
         for i, output in enumerate(self.output_names):
             for j, input_ in enumerate(self.input_names):
                 num, den, cov = self.channel(i, j)
                 std = np.sqrt(np.maximum(np.diag(cov), 0))
                 n = len(den) - 1
-                parts = (num, std[n:-1]), (den, np.concatenate(([0.0], std[:n])))
+                above, below = std[n:-1], np.concatenate(([0.0], std[:n]))
+                drawn = self.channel_draws(np.asarray(self.draws), i, j)
+                parts = (
+                    (num, above, _told_to(num, above, drawn[0])),
+                    (den, below, _told_to(den, below, drawn[1])),
+                )
                 yield (output, input_), parts, self.model.delay[i, j], std[-1]
 
 
 def _row(parameter: Parameter, held: str = "") -> tuple[str, ...]:
-    value, std = parameter.value, parameter.std
+    value, std, told = parameter.value, parameter.std, parameter.told_to
     if not parameter.determined:
         return parameter.name, NOT_DETERMINED, "", "", "", parameter.unit
-    ends = [format_value(end, std) for end in parameter.interval()] if std > 0 else ["", ""]
-    return parameter.name, format_value(value, std), format_std(std) or held, *ends, parameter.unit
+    shown = format_value(value, told), format_std(std) or held, *parameter.written_ends
+    return parameter.name, *shown, parameter.unit
+
+
+def _told_to(values: Array, std: Array, draws: Array) -> Array:
+    """`Parameter.told_to` of coefficients; draws (n_draws, n_coefficients)."""
+    rows = zip(values.tolist(), std.tolist(), draws.T, strict=True)
+    return np.array([Parameter("", value, error, draws=own).told_to for value, error, own in rows])

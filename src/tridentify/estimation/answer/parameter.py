@@ -11,7 +11,8 @@ import numpy as np
 from tridentify.errors import OptionError
 from tridentify.estimation.answer.trace import freeze_arrays
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.quantiles import quantiles
+from tridentify.numerics.quantiles import around
+from tridentify.writing.layout import format_value
 
 NOT_DETERMINED = "not determined"
 """What tables show in place of such a number (`Parameter.determined`)."""
@@ -71,18 +72,60 @@ class Parameter:
     def interval(self, level: float = 0.95) -> tuple[float, float]:
         """Interval that holds the probability ``level``.
 
-        Gaussian; between quantiles of the draws where the estimate is a posterior mean, drawn out
-        to the mean where that lies in their tail. That of a delay begins at zero at the earliest.
+        Gaussian; where the estimate is a posterior mean, between quantiles of the draws that leave
+        out as much on either side of the value as lies there (`numerics.quantiles.around`), so that
+        it lies inside. That of a delay begins at zero at the earliest.
         """
         level = checked_level(level)
         if self.draws.size:
             if np.isnan(self.draws).any():
                 return math.nan, math.nan
-            low, high = quantiles(self.draws, ((1 - level) / 2, (1 + level) / 2)).tolist()
-            return min(low, self.value), max(high, self.value)
+            ends = around(self.draws, np.array(self.value), level)
+            return float(ends[0]), float(ends[1])
         half = NormalDist().inv_cdf((1 + level) / 2) * self.std
         low = self.value - half
         return max(low, 0.0) if self.name.startswith("delay") else low, self.value + half
+
+    @property
+    def told_to(self) -> float:
+        """To which error the value is written: the standard error, or the room in its interval.
+
+        An interval that is not symmetric may end much nearer to the value than a standard error
+        away; rounded to that the value would lie outside.
+
+        Examples
+        --------
+        >>> Parameter("a0", 4.8, 120.0).told_to
+        120.0
+        >>> draws = np.geomspace(1.0, 500.0, 1001)
+        >>> round(Parameter("a0", 4.8, 120.0, draws=draws).told_to, 1)
+        3.7
+        """
+        if not (self.draws.size and self.std > 0):
+            return self.std
+        low, high = self.interval()
+        room = [one for one in (self.value - low, high - self.value) if one > 0]
+        return min([self.std, *room])
+
+    @property
+    def written_ends(self) -> tuple[str, str]:
+        """Both ends of the interval of 95 % as tables write them; empty without an error.
+
+        Examples
+        --------
+        >>> Parameter("a0", 3.0, 0.1).written_ends
+        ('2.80', '3.20')
+        >>> draws = np.geomspace(0.3, 300.0, 1001)
+        >>> Parameter("time constant", 48.0, 78.0, draws=draws).written_ends
+        ('0.39', '274')
+        """
+        if not self.std > 0:
+            return "", ""
+        told, ends = self.told_to, self.interval()
+        # where one end is decades below the other, what it is shows only in its own digits
+        digits = [min(told, abs(end) or told) if self.draws.size else told for end in ends]
+        low, high = (format_value(end, one) for end, one in zip(ends, digits, strict=True))
+        return low, high
 
     @property
     def relative_std(self) -> float:

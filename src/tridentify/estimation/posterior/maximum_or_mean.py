@@ -155,11 +155,12 @@ def _told_apart(best: Ending) -> Array | None:
 
 def _spread(point: Point, found: Posterior, scatter: ScoreScatter | None) -> Spread:
     """That of the draws, wider where the scores scatter more than the likelihood says."""
+    middle = coefficients(point)
     if scatter is None:
-        return Spread(found.covariance, found.draws)
-    ratio, middle = max(scatter.ratio, 1.0), coefficients(point)
+        return Spread(found.covariance_about(middle), found.draws)
+    ratio = max(scatter.ratio, 1.0)
     draws = middle + math.sqrt(ratio) * (found.draws - middle)
-    return Spread(ratio * found.covariance, draws, "scores")
+    return Spread(ratio * found.covariance_about(middle), draws, "scores")
 
 
 def has_rivals(point: Point, scan: Scan | None = None) -> bool:

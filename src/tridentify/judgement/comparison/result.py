@@ -214,7 +214,7 @@ def _plain(value: float) -> float | None:
 
 def _cells(value: Parameter) -> tuple[str, str]:
     known = np.isfinite(value.std) and value.std > 0
-    return format_value(value.value, value.std if known else 0.0), (
+    return format_value(value.value, value.told_to if known else 0.0), (
         format_std(value.std) if known else ""
     )
 
