@@ -24,7 +24,13 @@ from tridentify.estimation.closed_loop.linear_errors import (
 )
 from tridentify.estimation.closed_loop.noise_driven import beside_noise
 from tridentify.estimation.closed_loop.predictor import Predictor
-from tridentify.estimation.closed_loop.unstable import Found, autoregressive, root, with_fall
+from tridentify.estimation.closed_loop.unstable import (
+    Found,
+    autoregressive,
+    root,
+    with_fall,
+    with_long_memory,
+)
 from tridentify.estimation.closed_loop.unstable_starts import starting_plants
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.information import aicc_price
@@ -73,10 +79,13 @@ def unstable_estimate(
         if best is None or not best.still:
             break
         renewed = [
-            beside_noise(part, left[:, None]) for part, left in zip(parts, best.errors, strict=True)
+            Loop(beside_noise(part, left[:, None]), kind)
+            for part, left in zip(parts, best.errors, strict=True)
         ]
-        loops = [Loop(part, kind) for part in renewed]
-        best = root(loops, [best.plant], None, say)
+        following = root(renewed, [best.plant], None, say)
+        if following is None or not following.still:  # it leads astray: what was there is a root
+            break
+        loops, best = renewed, following
     if best is not None and best.still and choose is not None:
         best = root(loops, [best.plant], choose, say)
     if best is None or not best.still or not best.plant.poles.real.max() > -edge:
@@ -86,6 +95,8 @@ def unstable_estimate(
         (np.diag(best.cov) > 0.0) & np.isfinite(np.diag(best.cov))
     ):
         return None
+    if kind == "continuous" and coloured:
+        best = with_long_memory(loops, best)
     grown = with_fall(loops, best)
     if kind == "continuous":
         spread = _spread_between(loops, best, choose, say)
