@@ -29,9 +29,9 @@ from tridentify.estimation.closed_loop.linear_errors import (
 )
 from tridentify.estimation.closed_loop.predictor import Plant, Predictor
 from tridentify.numerics.arrays import Array, Complex
-from tridentify.numerics.autoregression import burg, fit_autoregression, most_coefficients, whiten
+from tridentify.numerics.autoregression import fit_autoregression, most_coefficients, whiten
 from tridentify.numerics.information import aicc_price
-from tridentify.numerics.levinson import autocovariance, stationary_polynomial
+from tridentify.numerics.levinson import autocovariance
 from tridentify.numerics.whiteness import is_white
 
 MOST_STEPS = 60
@@ -55,10 +55,6 @@ they stay: the driven part of the errors is zero at the plant whatever they are,
 at zero they have no derivative."""
 HALVINGS = 8
 """Of a step that does not lower the driven error: 1/256 of it is none."""
-MEMORY = 2
-"""Part of the coefficients that a record may tell of its noise."""
-TURNS = 4
-"""Of the noise's memory and of what the fit took of it."""
 MOST_NOISE_ROUNDS = 4
 """Fits of the noise model and of the coefficients in turn."""
 
@@ -192,13 +188,21 @@ def _in_coloured_noise(loops: Sequence[Loop], found: Found, noise: Array) -> Fou
     q, r = np.linalg.qr(linear.slopes - own @ (own.T @ linear.slopes))
     left = [whiten(one, noise)[0] for one in found.errors]
     variance = float(np.nanmean(np.concatenate(left) ** 2))
-    middle = _seen_by(q, [autocovariance(noise, one.size - 1) for one in found.errors])
+    middle = seen_by(q, [autocovariance(noise, one.size - 1) for one in found.errors])
     back = np.linalg.pinv(r)
     return replace(found, cov=variance * back @ middle @ back.T)
 
 
-def _seen_by(q: Array, lags: Sequence[Array]) -> Array:
-    """``q' S q`` of columns, ``S`` of the autocovariances of one experiment after the other."""
+def seen_by(q: Array, lags: Sequence[Array]) -> Array:
+    """``q' S q`` of columns, ``S`` of the autocovariances of one experiment after the other.
+
+    Parameters
+    ----------
+    q : (n_samples, k) array
+        Experiments below each other.
+    lags : sequence of (n_samples,) arrays
+        Per experiment.
+    """
     middle, at = np.zeros((q.shape[1],) * 2), 0
     for own in lags:
         part = q[at : at + own.size]
@@ -208,39 +212,6 @@ def _seen_by(q: Array, lags: Sequence[Array]) -> Array:
         middle += part.T @ whole[: own.size]
         at += own.size
     return middle
-
-
-def with_long_memory(loops: Sequence[Loop], found: Found) -> Found:
-    """A root with errors no smaller than in noise with all the memory that its record may show.
-
-    What a continuous controller makes of noise that moves between the samples is weak and slow: a
-    plant that is not stable, or nearly so, adds up all of it. Tests of whiteness miss it in short
-    records, and orders of lowest AICc are too low for it.
-    """
-    linear = linear_errors(loops, found.plant, found.noise)
-    try:
-        _, left, upper = linear.step()
-        back = np.linalg.inv(upper)
-    except np.linalg.LinAlgError:
-        return found
-    seen = np.concatenate([one.seen for one in linear.records])
-    ends = np.cumsum([one.seen.size for one in linear.records])[:-1]
-    series = np.split(np.where(seen, left, np.nan), ends)
-    order = most_coefficients(min(int(np.isfinite(one).sum()) for one in series)) // MEMORY
-    middle, variance = np.eye(upper.shape[1]), found.variance
-    for _ in range(TURNS):
-        # what the fit took is not in the residual, and is slow as the instruments are
-        root_of = np.linalg.cholesky(middle) * np.sqrt(variance)
-        took = (linear.instruments @ root_of).T
-        taken = [part for one in took for part in np.split(one, ends)]
-        noise = fit_autoregression(series, order, order=order, taken=taken)
-        lags = [autocovariance(noise, one.size - 1) for one in series]
-        # ends of the record have no part in what a stretch of it scatters by
-        middle = _seen_by(linear.instruments, [one / one[0] for one in lags])
-    n = found.plant.theta.size
-    coloured = variance * (back @ middle @ back.T)[:n, :n]
-    wider = np.sqrt(np.maximum(np.diag(coloured) / np.diag(found.cov), 1.0))
-    return replace(found, cov=found.cov * np.outer(wider, wider))
 
 
 def autoregressive(errors: Sequence[Array]) -> Array:

@@ -13,6 +13,7 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.loop_taken import LoopTaken
 from tridentify.estimation.answer.parameter import Nuisance
 from tridentify.estimation.answer.trace import Status, Trace
+from tridentify.estimation.closed_loop.added_up import with_added_up
 from tridentify.estimation.closed_loop.as_recorded import AsRecorded
 from tridentify.estimation.closed_loop.between_samples import IN_WORDS, Loop, Sampling
 from tridentify.estimation.closed_loop.driven import Driven, described_otherwise, driven
@@ -24,13 +25,7 @@ from tridentify.estimation.closed_loop.linear_errors import (
 )
 from tridentify.estimation.closed_loop.noise_driven import beside_noise
 from tridentify.estimation.closed_loop.predictor import Predictor
-from tridentify.estimation.closed_loop.unstable import (
-    Found,
-    autoregressive,
-    root,
-    with_fall,
-    with_long_memory,
-)
+from tridentify.estimation.closed_loop.unstable import Found, autoregressive, root, with_fall
 from tridentify.estimation.closed_loop.unstable_starts import starting_plants
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.information import aicc_price
@@ -96,7 +91,7 @@ def unstable_estimate(
     ):
         return None
     if kind == "continuous" and coloured:
-        best = with_long_memory(loops, best)
+        best = with_added_up(loops, best)
     grown = with_fall(loops, best)
     if kind == "continuous":
         spread = _spread_between(loops, best, choose, say)

@@ -55,8 +55,9 @@ from scipy.linalg import solve_banded
 
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.closed_loop.added_up import added_up, pulse
 from tridentify.estimation.closed_loop.as_recorded import AsRecorded
-from tridentify.estimation.closed_loop.between_samples import Loop
+from tridentify.estimation.closed_loop.between_samples import Loop, with_input
 from tridentify.estimation.closed_loop.driven import Driven, described_otherwise
 from tridentify.estimation.closed_loop.noise_driven import colour, made
 from tridentify.estimation.closed_loop.simulated import Simulated
@@ -240,7 +241,23 @@ def _in_their_colour(found: Rooted, tables: Sequence[Array], cov: Array) -> Arra
     r = r * size
     root_of = np.linalg.solve(r, np.linalg.cholesky(r @ cov @ r.T))
     coloured = np.asarray(root_of @ middle @ root_of.T)
-    return _no_less(cov, coloured) if sparing else coloured
+    coloured = _no_less(cov, coloured) if sparing else coloured
+    if found.loops[0].sampling == "sampled" or not few:
+        return coloured
+    slow = root_of @ _added_up(found, q, left) @ root_of.T
+    return _no_less(coloured, np.asarray(slow))
+
+
+def _added_up(found: Rooted, q: Array, left: Sequence[Array]) -> Array:
+    """``Z' S Z`` in noise that the plant may have added up (`closed_loop.added_up`)."""
+    estimate, series, shapes, outputs = found.estimate, [], [], []
+    for e, loop in enumerate(found.loops):
+        response = simulate(estimate.model, with_input(loop.record, pulse(loop), "zoh"))
+        for i in range(loop.record.n_outputs):
+            series.append(weighted(loop, estimate, e, i, left[e], [left[e]])[:, 0])
+            shapes.append(response[:, i])
+            outputs.append(i)
+    return added_up(q, series, shapes, outputs)
 
 
 def _sparing(left: Array, models: Sequence[Array]) -> Array | None:
