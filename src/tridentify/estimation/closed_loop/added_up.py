@@ -27,7 +27,7 @@ from dataclasses import replace
 import numpy as np
 
 from tridentify.estimation.closed_loop.between_samples import Loop
-from tridentify.estimation.closed_loop.linear_errors import Foreseen, Linear, linear_errors
+from tridentify.estimation.closed_loop.linear_errors import Foreseen, linear_errors
 from tridentify.estimation.closed_loop.unstable import Found, seen_by
 from tridentify.numerics.arrays import Array, Complex
 

@@ -35,6 +35,10 @@ An order of lowest AICc may also be chance's: in three of 54 loops with 200 samp
 first order it was 12 or more, and errors half of what they should be. No error is smaller than with
 the ``S`` that such a model leaves of noise of the order of least BIC (Schwarz 1978).
 
+A plant that is slow for the record's length adds up what noise between the samples makes of the
+input, which no model of the noise shows there: up to `LONGEST` samples no error is smaller than in
+such noise (`closed_loop.added_up`).
+
 What the reference drives is known at the samples. Between them it is what the operators make of it,
 and in a loop that is fast beside its samples they may make something else. Descriptions of other
 rates through the same samples (`driven.described_otherwise`) move the coefficients by
