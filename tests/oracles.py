@@ -124,3 +124,22 @@ def continuous_loop(channel, controller, r, noise, dt, *, dither=None, intersamp
         u[k] = c_c @ x[n:] + d_c * (force[0] - y[k]) + force[1]
         x = step @ np.concatenate([x, force, slope])
     return u, y
+
+
+def moving_noise_loop(pole, gains, r, noise, dt):
+    """Samples of ``1 / (s - pole)`` under ``kp + ki / s`` in continuous time, from rest.
+
+    Everything is held over each of the columns of ``noise`` (n_samples, pieces) alone.
+    """
+    kp, ki = gains
+    pieces = noise.shape[1]
+    loop = np.array([[pole - kp, ki], [-1.0, 0.0]])
+    into = np.array([[kp, -kp], [1.0, -1.0]])
+    whole = expm(np.block([[loop, into], [np.zeros((2, 4))]]) * dt / pieces)[:2]
+    state, u, y = np.zeros(2), np.empty(len(r)), np.empty(len(r))
+    for k, (wanted, row) in enumerate(zip(r, noise, strict=True)):
+        y[k] = state[0] + row[0]
+        u[k] = kp * (wanted - y[k]) + ki * state[1]
+        for v in row:
+            state = whole @ np.array([*state, wanted, v])
+    return u, y

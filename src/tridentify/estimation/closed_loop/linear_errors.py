@@ -138,6 +138,21 @@ class Linear:
         """Whether nothing ran away."""
         return self.is_bounded and bool(np.isfinite(self.slopes).all())
 
+    @cached_property
+    def _triangle(self) -> tuple[Array, Array, Array]:
+        """Orthonormal instruments, their triangle, and the sizes that its columns are without."""
+        matrix = np.hstack([self.slopes, self.rest])
+        # of a plant that runs away the squares are beyond the largest float
+        largest = np.abs(matrix).max(axis=0)
+        largest = np.where(largest > 0, largest, 1.0)
+        scale = largest * np.maximum(np.linalg.norm(matrix / largest, axis=0), 1.0)
+        return *np.linalg.qr(matrix / scale), scale
+
+    @property
+    def instruments(self) -> Array:
+        """(n_samples, n_unknowns) orthonormal ones, of coefficients, starts and offsets."""
+        return self._triangle[0]
+
     def step(self) -> tuple[Array, Array, Array]:
         """Change of all unknowns, the residual beside start and offset, and what it is divided by.
 
@@ -145,12 +160,7 @@ class Linear:
         where these hardly know them, that of the driven part alone. They are what orthonormal
         instruments see of them, so that errors of the root are those of white noise divided by it.
         """
-        matrix = np.hstack([self.slopes, self.rest])
-        # of a plant that runs away the squares are beyond the largest float
-        largest = np.abs(matrix).max(axis=0)
-        largest = np.where(largest > 0, largest, 1.0)
-        scale = largest * np.maximum(np.linalg.norm(matrix / largest, axis=0), 1.0)
-        q, r = np.linalg.qr(matrix / scale)
+        q, r, scale = self._triangle
         full = q.T @ (np.hstack([self.full, self.rest]) / scale)
         sizes = np.abs(np.diag(r))
         dependent = sizes.min() <= np.finfo(float).eps * sizes.max()

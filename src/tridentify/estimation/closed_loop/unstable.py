@@ -188,17 +188,30 @@ def _in_coloured_noise(loops: Sequence[Loop], found: Found, noise: Array) -> Fou
     q, r = np.linalg.qr(linear.slopes - own @ (own.T @ linear.slopes))
     left = [whiten(one, noise)[0] for one in found.errors]
     variance = float(np.nanmean(np.concatenate(left) ** 2))
-    middle, at = np.zeros_like(r), 0
-    for one in found.errors:
-        lags = autocovariance(noise, one.size - 1)
-        part = q[at : at + one.size]
-        # a Toeplitz matrix is the corner of a circulant one, which Fourier's transform multiplies
-        circle = np.fft.rfft(np.concatenate([lags, [0.0], lags[:0:-1]]))
-        whole = np.fft.irfft(circle[:, None] * np.fft.rfft(part, 2 * one.size, axis=0), axis=0)
-        middle += part.T @ whole[: one.size]
-        at += one.size
+    middle = seen_by(q, [autocovariance(noise, one.size - 1) for one in found.errors])
     back = np.linalg.pinv(r)
     return replace(found, cov=variance * back @ middle @ back.T)
+
+
+def seen_by(q: Array, lags: Sequence[Array]) -> Array:
+    """``q' S q`` of columns, ``S`` of the autocovariances of one experiment after the other.
+
+    Parameters
+    ----------
+    q : (n_samples, k) array
+        Experiments below each other.
+    lags : sequence of (n_samples,) arrays
+        Per experiment.
+    """
+    middle, at = np.zeros((q.shape[1],) * 2), 0
+    for own in lags:
+        part = q[at : at + own.size]
+        # a Toeplitz matrix is the corner of a circulant one, which Fourier's transform multiplies
+        circle = np.fft.rfft(np.concatenate([own, [0.0], own[:0:-1]]))
+        whole = np.fft.irfft(circle[:, None] * np.fft.rfft(part, 2 * own.size, axis=0), axis=0)
+        middle += part.T @ whole[: own.size]
+        at += own.size
+    return middle
 
 
 def autoregressive(errors: Sequence[Array]) -> Array:

@@ -13,6 +13,7 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.loop_taken import LoopTaken
 from tridentify.estimation.answer.parameter import Nuisance
 from tridentify.estimation.answer.trace import Status, Trace
+from tridentify.estimation.closed_loop.added_up import with_added_up
 from tridentify.estimation.closed_loop.as_recorded import AsRecorded
 from tridentify.estimation.closed_loop.between_samples import IN_WORDS, Loop, Sampling
 from tridentify.estimation.closed_loop.driven import Driven, described_otherwise, driven
@@ -73,10 +74,13 @@ def unstable_estimate(
         if best is None or not best.still:
             break
         renewed = [
-            beside_noise(part, left[:, None]) for part, left in zip(parts, best.errors, strict=True)
+            Loop(beside_noise(part, left[:, None]), kind)
+            for part, left in zip(parts, best.errors, strict=True)
         ]
-        loops = [Loop(part, kind) for part in renewed]
-        best = root(loops, [best.plant], None, say)
+        following = root(renewed, [best.plant], None, say)
+        if following is None or not following.still:  # it leads astray: what was there is a root
+            break
+        loops, best = renewed, following
     if best is not None and best.still and choose is not None:
         best = root(loops, [best.plant], choose, say)
     if best is None or not best.still or not best.plant.poles.real.max() > -edge:
@@ -86,6 +90,8 @@ def unstable_estimate(
         (np.diag(best.cov) > 0.0) & np.isfinite(np.diag(best.cov))
     ):
         return None
+    if kind == "continuous" and coloured:
+        best = with_added_up(loops, best)
     grown = with_fall(loops, best)
     if kind == "continuous":
         spread = _spread_between(loops, best, choose, say)

@@ -224,8 +224,8 @@ def _not_this_controller(how: Worked) -> tuple[Finding, ...]:
             "contradiction",
             "warning",
             f"The controller given explains {100.0 * (1.0 - how.left):.0f} % of what the reference "
-            "does not drive of the input: it has a limit, a delay or other coefficients. The "
-            "estimate does without it.",
+            "does not drive of the input: it has a limit, a delay or other coefficients, or is "
+            "continuous and noise moves between the samples. The estimate does without it.",
             "Give the controller that was running, or write controller='sampled' or 'continuous'.",
         ),
     )

@@ -35,6 +35,10 @@ An order of lowest AICc may also be chance's: in three of 54 loops with 200 samp
 first order it was 12 or more, and errors half of what they should be. No error is smaller than with
 the ``S`` that such a model leaves of noise of the order of least BIC (Schwarz 1978).
 
+A plant that is slow for the record's length adds up what noise between the samples makes of the
+input, which no model of the noise shows there: up to `LONGEST` samples no error is smaller than in
+such noise (`closed_loop.added_up`).
+
 What the reference drives is known at the samples. Between them it is what the operators make of it,
 and in a loop that is fast beside its samples they may make something else. Descriptions of other
 rates through the same samples (`driven.described_otherwise`) move the coefficients by
@@ -55,8 +59,9 @@ from scipy.linalg import solve_banded
 
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.closed_loop.added_up import added_up, pulse
 from tridentify.estimation.closed_loop.as_recorded import AsRecorded
-from tridentify.estimation.closed_loop.between_samples import Loop
+from tridentify.estimation.closed_loop.between_samples import Loop, with_input
 from tridentify.estimation.closed_loop.driven import Driven, described_otherwise
 from tridentify.estimation.closed_loop.noise_driven import colour, made
 from tridentify.estimation.closed_loop.simulated import Simulated
@@ -240,7 +245,23 @@ def _in_their_colour(found: Rooted, tables: Sequence[Array], cov: Array) -> Arra
     r = r * size
     root_of = np.linalg.solve(r, np.linalg.cholesky(r @ cov @ r.T))
     coloured = np.asarray(root_of @ middle @ root_of.T)
-    return _no_less(cov, coloured) if sparing else coloured
+    coloured = _no_less(cov, coloured) if sparing else coloured
+    if found.loops[0].sampling == "sampled" or not few:
+        return coloured
+    slow = root_of @ _added_up(found, q, left) @ root_of.T
+    return _no_less(coloured, np.asarray(slow))
+
+
+def _added_up(found: Rooted, q: Array, left: Sequence[Array]) -> Array:
+    """``Z' S Z`` in noise that the plant may have added up (`closed_loop.added_up`)."""
+    estimate, series, shapes, outputs = found.estimate, [], [], []
+    for e, loop in enumerate(found.loops):
+        response = simulate(estimate.model, with_input(loop.record, pulse(loop), "zoh"))
+        for i in range(loop.record.n_outputs):
+            series.append(weighted(loop, estimate, e, i, left[e], [left[e]])[:, 0])
+            shapes.append(response[:, i])
+            outputs.append(i)
+    return added_up(q, series, shapes, outputs)
 
 
 def _sparing(left: Array, models: Sequence[Array]) -> Array | None:
