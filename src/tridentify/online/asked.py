@@ -104,11 +104,29 @@ def check_above_zero(name: str, value: object, unit: str) -> None:
         )
 
 
+MANY_A_COEFFICIENT = 100
+"""Samples for each coefficient without a model from which more of them are not all that is
+missing: records that tell one have it within twenty."""
+
+
 def not_ready(count: int, what: str) -> NotReadyError:
     """The error that says so, with what to do."""
     return NotReadyError(
         f"found {count} samples, which {what}; expected samples that excite all coefficients; go "
         "on stepping, or give a model with start="
+    )
+
+
+def still_searched(count: int, n_coefficients: int) -> NotReadyError:
+    """The same where no model was found; after many samples with what may be in the way."""
+    if count < MANY_A_COEFFICIENT * n_coefficients:
+        return not_ready(count, "are still searched for a model")
+    return NotReadyError(
+        f"found {count} samples that no stable model explains well enough; expected an input that "
+        "moves the output of a stable plant; record them and identify them off-line, with "
+        "reference= where a controller holds a plant that is unstable (advise(record) says what "
+        "they can tell), fix a pole at zero where it integrates (fixed={'a0': 0}), or give a model "
+        "with start="
     )
 
 

@@ -58,7 +58,13 @@ from tridentify.estimation.methods.base import check_count
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.online import launch, layout
-from tridentify.online.asked import check_above_zero, check_choice, check_forgetting, not_ready
+from tridentify.online.asked import (
+    check_above_zero,
+    check_choice,
+    check_forgetting,
+    not_ready,
+    still_searched,
+)
 from tridentify.online.estimator import CompiledKernels, check_asked, kept_samples
 from tridentify.online.findings import with_findings
 from tridentify.online.kernels import slots
@@ -389,7 +395,7 @@ class ThreeModel(launch.Planner):
                 rest = kept_samples(state)[len(found.samples) :]
                 with one_blas_thread():
                     return launch.launched(self, State(x.copy(), stage), found, rest)
-        raise not_ready(int(x[slots.COUNT]), "are still searched for a model")
+        raise still_searched(int(x[slots.COUNT]), len(stage.setting.structure.names()))
 
     # ---------------------------------------------------------------------------- the slow clock
     def plan(
