@@ -185,7 +185,7 @@ def estimate_of(
         gradient=reached.gradient,
         noise_model=problem.noise,
         findings=doubts,
-        errors="likelihood" if scatter is None else "scores",
+        errors="scores" if scatter is not None and scatter.contradicts else "likelihood",
     )
     return assemble(asked, solved)
 

@@ -158,8 +158,9 @@ def solved_at(
     scatter = curvature.scatter if scattered else None
     root = curvature.root
     inverse = root @ root.T if scatter is None else root @ scatter.covariance @ root.T
+    contradicted = scatter is not None and scatter.contradicts
     wider = np.ones(len(theta))
-    if judged and own is None and scatter is None and not ending.reacts:
+    if judged and own is None and not contradicted and not ending.reacts:
         of_noise = estimated_noise(point, root, curvature.along, curvature.noise, freedom)
         if of_noise is not None:
             added, wider = of_noise
@@ -167,7 +168,7 @@ def solved_at(
     cov = curvature.physical @ inverse @ curvature.physical.T if own is None else own.covariance
     cov = cov * np.outer(wider, wider)
     words: tuple[str, ...] = () if scatter is None or own is not None else (scatter.in_words(),)
-    scores = own.errors == "scores" if own is not None else scatter is not None
+    scores = own.errors == "scores" if own is not None else contradicted
     draws = np.zeros((0, 0)) if own is None else own.draws
     if judged and ending.moved is not None:
         words += (in_words(ending.moved, np.sqrt(np.diag(cov))),)

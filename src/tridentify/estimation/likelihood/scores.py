@@ -55,6 +55,7 @@ from scipy.fft import dct
 from scipy.special import ndtri, stdtrit
 
 from tridentify.estimation.likelihood.cost import Point
+from tridentify.estimation.likelihood.shared_noise import no_smaller, shared_covariance
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import Whitener
 
@@ -93,17 +94,30 @@ class ScoreScatter:
         How many blocks it was taken from.
     ratio : float
         Mean of the scatter over what white noise gives, over what moves the coefficients.
-    over : {"time", "frequency"}
-        What the blocks are stretches of.
+    over : {"time", "frequency", "outputs"}
+        What the blocks are stretches of; of outputs that share their noise there are none.
+    shared : float
+        Largest correlation of the noise of two outputs; zero where it does not matter.
     """
 
     covariance: Array
     blocks: int
     ratio: float
-    over: Literal["time", "frequency"] = "time"
+    over: Literal["time", "frequency", "outputs"] = "time"
+    shared: float = 0.0
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether the noise over time is not what it was taken for."""
+        return self.over != "outputs"
 
     def in_words(self) -> str:
         """Where the standard errors come from, and by how much they differ."""
+        if not self.contradicts:
+            return (
+                f"standard errors allow for noise that outputs share (correlation {self.shared:.2f}"
+                f"): {math.sqrt(self.ratio):.2g} times those of independent noise"
+            )
         which = "blocks" if self.over == "time" else "bands of frequency"
         return (
             f"standard errors from the scatter of the scores over {self.blocks} {which}, "
@@ -211,8 +225,25 @@ def judged_scatter(
     """
     turn, own = _own_first(along, directions[0].shape[-1])
     turned = [one @ turn for one in directions]
-    found = _largest_scatter(turned, innovations, reacts, own)
+    found = _beside_shared(
+        _largest_scatter(turned, innovations, reacts, own), turned, innovations, own
+    )
     return found and replace(found, covariance=turn @ found.covariance @ turn.T)
+
+
+def _beside_shared(
+    found: ScoreScatter | None, directions: Sequence[Array], innovations: Sequence[Array], own: int
+) -> ScoreScatter | None:
+    """With what outputs share of their noise."""
+    shared = shared_covariance(directions, innovations)
+    if shared is None:
+        return found
+    covariance, correlation = shared
+    if found is None:
+        ratio = _mean(covariance[:own, :own])
+        return ScoreScatter(covariance, 0, ratio, "outputs", correlation)
+    wider = no_smaller(found.covariance, covariance)
+    return replace(found, covariance=wider, shared=correlation)
 
 
 def _own_first(along: Array | None, k: int) -> tuple[Array, int]:

@@ -115,7 +115,8 @@ def weigh(
         return best
     scatter = None if cov is None else best.curvature.scatter
     known = vague is not None and vague.share < LOST
-    if finish == "auto" and sound and known and scatter is not None:
+    contradicted = scatter is not None and scatter.contradicts
+    if finish == "auto" and sound and known and contradicted:
         return best.told(CONTRADICTED)
     slow = cov is not None and is_slower_than_assumed(best.point.poles, cov, longest)
     if finish == "auto" and sound and known and slow:
