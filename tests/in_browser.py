@@ -107,8 +107,8 @@ def serving(folder: Path, flights: Path, names: list[str]) -> Iterator[Server]:
     for name in names:
         shutil.copy(flights / name, folder / name)
     server = Server(folder)
-    server.start()
     try:
+        server.start()
         yield server
     finally:
         server.kill()

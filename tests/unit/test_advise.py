@@ -267,3 +267,16 @@ def test_numbers_without_room_are_refused(good, survey, u, y, t):
 def test_names_are_public(found):
     assert tridentify.advise is advise
     assert isinstance(found, tridentify.Advice)
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.fast("0")
+def test_a_swing_after_one_step_is_no_delay(seed):
+    """However alike its periods are: the output leaves its rest when the input does."""
+    rng = np.random.default_rng([seed, 17])
+    u = (np.arange(500) >= 60).astype(float)
+    plant = TransferFunction([8.0], [1.0, 1.2, 16.0])
+    y = simulate(plant, Record(u, np.zeros(500), dt=0.05))[:, 0]
+    found = advise(Record(u, y + 0.05 * y.std() * rng.standard_normal(500), dt=0.05))
+    assert all(one.value < 0.3 for one in found.delays)
+    assert not [one.code for one in found.findings if one.code in ("delay", "drift")]

@@ -21,6 +21,7 @@ from tridentify.judgement.causes.surprises import moved, small_surprises
 from tridentify.numerics.arrays import Array
 from tridentify.record.checks.samples import Behaviour, looks_measured
 from tridentify.record.checks.times import typical_step
+from tridentify.record.record import Record
 
 PART = 0.25
 """Longest delay that is looked for, in durations."""
@@ -38,6 +39,13 @@ comes next."""
 MISSED = 0.1
 """Share of the innovations that past inputs explain beside the operators, from which these miss too
 much for later inputs to mean feedback."""
+
+FEWEST_AT_REST = 10
+"""Samples of rest before the first move by which the noise is known."""
+
+AWAY, LEAST_AWAY = 8.0, 0.1
+"""From where an output has left its rest: in standard deviations of what it does there, and of the
+whole record."""
 
 BEHIND = (0, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
 """Inputs that go along with the operators [samples]: what these miss of the very first response."""
@@ -89,6 +97,7 @@ def delay_seen(parallel: Parallel, fit: WhitenedFit, input_: int) -> DelaySeen:
     first = parallel.records[0]
     step = typical_step(first.t) if first.dt is None else first.dt
     longest = PART * min(record.duration for record in parallel.records)
+    longest = min([longest, *(answered(r, input_, parallel.output) for r in parallel.records)])
     grid = _grid(step, longest)
     poles = list(dict.fromkeys([fit.pole, *parallel.poles()[::2]]))
 
@@ -119,6 +128,38 @@ def delay_seen(parallel: Parallel, fit: WhitenedFit, input_: int) -> DelaySeen:
         float(high),
         float(values[delays == 0.0][0] - values[best]),
     )
+
+
+def answered(record: Record, input_: int, output: int) -> float:
+    """Time after which the output has left its rest, once the inputs leave theirs [s].
+
+    No delay is longer, however alike the periods of a swing are. Infinite where a record does not
+    begin at rest, or the output is not clearly away within the time that it was seen to rest.
+
+    Parameters
+    ----------
+    record : Record
+    input_, output : int
+        Their places.
+
+    Examples
+    --------
+    >>> t = np.arange(100.0)
+    >>> rng = np.random.default_rng(0)
+    >>> y = np.where(t > 43.0, 1.0, 0.0) + 0.02 * rng.standard_normal(100)
+    >>> answered(Record(t >= 40.0, y, dt=1.0), 0, 0)
+    4.0
+    """
+    moved = np.flatnonzero((record.u != record.u[0]).any(axis=1))
+    rest = int(moved[0]) if moved.size else 0
+    if rest < FEWEST_AT_REST or record.u[rest, input_] == record.u[0, input_]:
+        return np.inf
+    y = record.y[: 2 * rest, output]
+    middle, size = np.nanmean(y[:rest]), np.nanstd(y[:rest])
+    away = np.abs(y[rest:] - middle) > max(AWAY * size, LEAST_AWAY * np.nanstd(record.y[:, output]))
+    lasting = away[:-2] & away[1:-1] & away[2:]
+    first = np.flatnonzero(lasting)
+    return float(record.t[rest + first[0]] - record.t[rest]) if first.size else np.inf
 
 
 def _grid(step: float, longest: float) -> Array:
