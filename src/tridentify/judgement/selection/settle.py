@@ -11,7 +11,12 @@ import numpy as np
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.methods.base import Method, Progress
-from tridentify.judgement.causes.intersample import IN_WORDS, behaviours, is_staircase
+from tridentify.judgement.causes.intersample import (
+    IN_WORDS,
+    behaviours,
+    better_behaviour,
+    is_staircase,
+)
 from tridentify.judgement.choice import with_behaviour
 from tridentify.judgement.selection.finish_candidates import CandidateTask, run_task
 from tridentify.judgement.selection.orders import order_label
@@ -93,18 +98,24 @@ def resettled_again(
     settled: SettledRecords,
     row: SelectionRow | None,
 ) -> SettledRecords | None:
-    """Another behaviour, where the recommended candidate is told that one: it may be a smaller one.
+    """Another behaviour, where the recommended candidate says another one: it may be a smaller one.
 
-    The likeliest may have poles and zeros that make good for what the input is taken for.
+    The likeliest may have poles and zeros that make good for what the input is taken for. Whether
+    an input is held, half an interval later than one that is not, is heard from the recommended one
+    as `identify` would hear it of that order; anything else where it is clearly better.
     """
     if not settled.told or row is None or row.estimate is None:
         return None
-    if not any(one.code == "intersample" and one.matters for one in row.estimate.findings):
-        return None
     found = behaviours(row.estimate, settled.records)
-    if found is None or found.advised == found.present:
+    if found is None:
         return None
-    return _changed(records, unseen, found.advised, row.structure)
+    told = any(one.code == "intersample" and one.matters for one in row.estimate.findings)
+    to = found.advised if told else found.present
+    if to == found.present:
+        to = better_behaviour(found, records[0].behaviour)
+        if "zoh" not in (to, found.present):
+            return None
+    return None if to == found.present else _changed(records, unseen, to, row.structure)
 
 
 def _changed(
