@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.special import ndtri, stdtr
+from scipy.special import ndtri
 
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.quantiles import quantiles
@@ -15,9 +15,9 @@ NEIGHBOURS = 31
 little, and what changes more slowly is followed."""
 FEWEST_NEIGHBOURS = 20
 """Below these the size is that of chance."""
-EFFICIENCY = 0.37
-"""Of the median magnitude against the standard deviation, for normal noise (Hampel 1974): so much
-fewer are the degrees of freedom."""
+FARTHER = 1.2
+"""How much farther than normal deviates samples may be by chance over a size that is known from so
+few."""
 CHANGES = 2.5
 """Size of the noise around the upper tenth of the samples over that around the lower tenth from
 which it changes: 1.7 where it is chance."""
@@ -28,13 +28,11 @@ LEAST = 0.1
 
 
 def over_local_size(values: Array) -> Array:
-    """Each sample over the median magnitude of its neighbours, as a normal deviate.
+    """Each sample over the median magnitude of its neighbours.
 
     Those before and those after, whichever is larger: where the noise begins to be large at once it
-    belongs to what follows. For normal noise the quotient has about Student's distribution, of as
-    many degrees of freedom as the median is worth; its quantiles are taken to those of a normal
-    variable. So single samples that are far stay far, and a stretch of larger noise does not look
-    like many of them.
+    belongs to what follows. So single samples that are far stay far, and a stretch of larger noise
+    does not look like many of them (`farthest_by_chance`).
 
     Parameters
     ----------
@@ -55,21 +53,36 @@ def over_local_size(values: Array) -> Array:
     >>> noise = np.random.default_rng(0).standard_normal(800)
     >>> noise[200:300] *= 9.0
     >>> noise[500] = 12.0
-    >>> even = over_local_size(noise)
-    >>> int(np.sum(np.abs(noise) > 5.0)), np.flatnonzero(np.abs(even) > 5.0).tolist()
-    (70, [500])
+    >>> even, limit = over_local_size(noise), farthest_by_chance(0.001, 800)
+    >>> int(np.sum(np.abs(noise) > limit)), np.flatnonzero(np.abs(even) > limit).tolist()
+    (62, [500])
     """
     found, seen = values.copy(), np.isfinite(values)
-    size = np.abs(values[seen])
-    local = _around(size)
+    local = _around(np.abs(values[seen]))
     least = LEAST * float(np.median(local)) if local.size else 0.0
-    if not least > 0.0:
-        return found
-    freedom = EFFICIENCY * min(NEIGHBOURS, size.size)
-    p_value = stdtr(freedom, -size / np.maximum(local, least))
-    deviate = -ndtri(np.maximum(p_value, np.finfo(np.float64).tiny))
-    found[seen] = np.sign(values[seen]) * deviate
+    if least > 0.0:
+        found[seen] /= np.maximum(local, least)
     return found
+
+
+def farthest_by_chance(rate: float, count: int) -> float:
+    """Quotient of `over_local_size` that normal noise exceeds in one record with a probability.
+
+    The farthest of 150, 600 and 2000 samples is beyond it in one of 1,000 records.
+
+    Parameters
+    ----------
+    rate : float
+        Probability.
+    count : int
+        Samples.
+
+    Examples
+    --------
+    >>> round(farthest_by_chance(0.001, 600), 1)
+    5.7
+    """
+    return -FARTHER * float(ndtri(rate / count / 2))
 
 
 def changes_size(values: Array) -> bool:

@@ -23,7 +23,7 @@ from tridentify.judgement.validation.distribution import QUANTILE, SMALL_SAMPLE,
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.converter import within_a_step
-from tridentify.numerics.local_size import changes_size, over_local_size
+from tridentify.numerics.local_size import changes_size, farthest_by_chance, over_local_size
 from tridentify.numerics.quantiles import median, quantiles, root_mean_square
 from tridentify.numerics.robust import median_scale
 from tridentify.record.record import Record
@@ -133,7 +133,7 @@ def _far_samples(series: Sequence[Array], a: Array) -> tuple[list[tuple[int, int
     if not any(changes_size(one) for one in left):
         places, farthest = _outliers(series, middle, scale)
         return (places, farthest) if places or not a.size else spikes(series, a)
-    limit = -float(ndtri(FALSE_ALARMS / seen.size / 2))
+    limit = farthest_by_chance(FALSE_ALARMS, seen.size)
     even = [np.nan_to_num(over_local_size(one)) for one in left]
     places = [(e, int(k)) for e, one in enumerate(even) for k in np.flatnonzero(abs(one) > limit)]
     return places, max((abs(float(series[e][k]) - middle) / scale for e, k in places), default=0.0)

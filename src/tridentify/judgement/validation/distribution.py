@@ -25,6 +25,7 @@ from scipy.special import chdtrc, ndtri
 
 from tridentify.judgement.validation.result import Normality
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.local_size import farthest_by_chance
 from tridentify.numerics.quantiles import median, quantiles
 from tridentify.numerics.robust import median_scale
 
@@ -50,6 +51,8 @@ def distribution(
     times: Sequence[Array],
     rate: float,
     noise: Array = NOT_COLOURED,
+    *,
+    levelled: bool = False,
 ) -> Normality:
     """Test one output.
 
@@ -64,6 +67,8 @@ def distribution(
         Probability that Gaussian noise has an outlier.
     noise : (p,) array
         Autoregression that made them white.
+    levelled : bool
+        Whether they are over the size of the noise around them (`over_local_size`).
 
     Examples
     --------
@@ -80,6 +85,8 @@ def distribution(
     tail = float(quantiles(size, (QUANTILE,))[0]) / float(ndtri(0.5 + QUANTILE / 2))
     scale = max(median_scale(size), tail)
     limit = -float(ndtri(rate / seen.size / 2)) * (1.0 + SMALL_SAMPLE / seen.size)
+    if levelled:
+        scale, limit = 1.0, farthest_by_chance(rate, seen.size)
     rows, shocks = [], []
     for e, (one, t) in enumerate(zip(innovations, times, strict=True)):
         far = np.nan_to_num((one - middle) / scale) if scale > 0 else np.zeros(one.size)

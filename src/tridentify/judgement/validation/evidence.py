@@ -50,7 +50,7 @@ from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import most_coefficients
 from tridentify.numerics.kept import cached_property
 from tridentify.numerics.lagrange import added_each, span
-from tridentify.numerics.local_size import over_local_size
+from tridentify.numerics.local_size import changes_size, over_local_size
 from tridentify.numerics.portmanteau import (
     Autocorrelation,
     Portmanteau,
@@ -58,6 +58,7 @@ from tridentify.numerics.portmanteau import (
     portmanteau,
 )
 from tridentify.numerics.quantiles import median
+from tridentify.numerics.robust import median_scale
 
 PRETEST = 0.05
 """p-value of whiteness up to which a noise model is fitted before other tests."""
@@ -308,17 +309,30 @@ class _Tests:
 
     @cached_property
     def normality(self) -> Normality:
-        plain = self._plain
+        plain, changes = self._plain, False
         if self.scale < CALLED:
             # noise that changes its size has far samples and uncertain correlations
-            plain = tuple(over_local_size(own) for own in plain)
-        return distribution(self._output.name, plain, self._times, self._rate, self.noise)
+            plain, changes = self._levelled(plain), any(changes_size(one) for one in plain)
+        return distribution(
+            self._output.name, plain, self._times, self._rate, self.noise, levelled=changes
+        )
+
+    def _levelled(self, plain: tuple[Array, ...]) -> tuple[Array, ...]:
+        """Over the size of the noise around each sample, or of its stretch where few are large."""
+        if any(changes_size(one) for one in plain):
+            return tuple(over_local_size(one) for one in plain)
+        joined = np.concatenate(plain)
+        for a, b in pairwise(self.edges.astype(int).tolist()):
+            seen = joined[a:b][np.isfinite(joined[a:b])]
+            size = median_scale(seen) if seen.size else 0.0
+            joined[a:b] /= size if size > 0 else 1.0
+        return tuple(split(self._output, joined))
 
     @cached_property
     def whiteness(self) -> Portmanteau:
         own, found = self._own, self.autocorrelation
         if self.scale < CALLED:
-            even = [over_local_size(each) for each in self.innovations]
+            even = self._levelled(self.innovations)
             own = np.nan_to_num(np.concatenate(even)), own[1]
             found = _autocorrelation(self._output, own, self._n_lags)
         return portmanteau(found, self._output.noise)
