@@ -86,20 +86,22 @@ def about_noise(
             )
         )
     if ("scale", name) in rejected:
-        ratio = float(np.nanmax(one.scales) / max(float(np.nanmin(one.scales)), 1e-300))
-        little = ratio < MATTERS
-        found.append(
-            one_finding(
-                "noise-changes",
-                name,
-                f"the noise of {name} changes its size over the record, by a factor of "
-                f"{ratio:.1f}: the standard errors are "
-                + ("a little off" if little else "not right"),
-                "" if little else "cut the record, or take standard errors from parts of it",
-                "note" if little else "warning",
-            )
-        )
+        found.append(_of_changing_size(one, name))
     return found
+
+
+def _of_changing_size(one: Evidence, name: str) -> Finding:
+    """Noise that is larger in one part of the record than in another."""
+    ratio = float(np.nanmax(one.scales) / max(float(np.nanmin(one.scales)), 1e-300))
+    little = ratio < MATTERS
+    return one_finding(
+        "noise-changes",
+        name,
+        f"the noise of {name} changes its size over the record, by a factor of {ratio:.1f}: the "
+        f"standard errors are {'a little off' if little else 'not right'}",
+        "" if little else "cut the record, or take standard errors from parts of it",
+        "note" if little else "warning",
+    )
 
 
 def carried_findings(
