@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, TransferFunction, identify, simulate
+from tridentify.judgement.cautions.outliers import _far_samples
 from tridentify.numerics.local_size import changes_size, over_local_size
 
 PLANT = TransferFunction([8.0], [1.0, 1.2, 16.0])
@@ -69,3 +70,13 @@ def test_missing_samples_and_short_records_pass() -> None:
     assert np.array_equal(over_local_size(noise[4:14]), noise[4:14])
     assert not changes_size(noise)
     assert not changes_size(noise[4:14])
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_an_experiment_too_short_for_a_size_of_its_own_has_no_unit(unit: float) -> None:
+    rng = np.random.default_rng(10)
+    long = rng.standard_normal(600) * burst(5)
+    long[100 if burst(5)[100] == 1.0 else 590] = 40.0
+    found, _ = _far_samples([unit * long, unit * rng.standard_normal(12)], np.zeros(0))
+    assert len(found) == 1
+    assert found[0][0] == 0

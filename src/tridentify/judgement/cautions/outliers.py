@@ -129,7 +129,8 @@ def _far_samples(series: Sequence[Array], a: Array) -> tuple[list[tuple[int, int
     scale = _scale(size)
     if scale == 0 or not (a.size or size.max() / scale > _limit(seen.size)):
         return [], 0.0
-    left = [_from_neighbours(one - middle, _taps(a)) for one in series]
+    # an experiment too short for a size of its own is judged by that of all
+    left = [_from_neighbours((one - middle) / scale, _taps(a)) for one in series]
     if not any(changes_size(one) for one in left):
         places, farthest = _outliers(series, middle, scale)
         return (places, farthest) if places or not a.size else spikes(series, a)
