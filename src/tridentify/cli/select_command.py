@@ -20,6 +20,7 @@ from tridentify.cli.tables import describe_records, make_table
 from tridentify.cli.terminal import Activity, paragraph
 from tridentify.cli.work import at_work
 from tridentify.errors import IdentifiabilityError, OrderError
+from tridentify.estimation.answer.trust import unusable
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 
@@ -201,9 +202,12 @@ def _blocks(selection: Selection, records: Sequence[Record]) -> list[str | Table
     """What is recommended and why, and the table of all candidates."""
     own = selection.recommended
     head = "no structure is recommended" if own is None else f"recommended: {own.label}"
+    why = "" if own is None or own.estimate is None else unusable(own.estimate, selection.findings)
+    cautions = [paragraph(why, "  ", "  ")] if why else []
+    cautions += [paragraph(text, "  caution: ", "    ") for text in selection.cautions]
     return [
         describe_records(records),
-        f"{head} (poles, zeros)\n" + paragraph(selection.reason, "  ", "  "),
+        "\n".join((f"{head} (poles, zeros)", paragraph(selection.reason, "  ", "  "), *cautions)),
         make_table(selection.titles, [selection.table()]),
         "\n".join(paragraph(note, "- ") for note in selection.all_notes()),
     ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import textwrap
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy as np
 
 from tridentify.estimation.answer.encoding import encode, save_document
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.answer.trace import freeze_arrays
 from tridentify.judgement.selection.hankel import Hankel
 from tridentify.judgement.selection.numbers import percent, relative
@@ -159,6 +160,17 @@ class Selection:
         which = "none" if self.recommended is None else self.recommended.label
         return f"Selection({len(self.rows)} candidates; recommended poles, zeros = {which})"
 
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What `identify` would say of the recommended candidate; its remedies were tried."""
+        own = self.recommended
+        return () if own is None or own.estimate is None else own.estimate.findings
+
+    @property
+    def cautions(self) -> tuple[str, ...]:
+        """The findings that matter, in words: what was found, and what to do."""
+        return tuple(finding.text for finding in self.findings if finding.matters)
+
     def table(self) -> list[tuple[str, ...]]:
         """Cells of the table, row by row."""
         return [self._cells(row) for row in self.rows]
@@ -190,6 +202,9 @@ class Selection:
         which = "none" if self.recommended is None else self.recommended.label
         lines = ["=" * _WIDTH, f"recommended poles, zeros: {which}"]
         lines += textwrap.wrap(self.reason, _WIDTH, initial_indent="  ", subsequent_indent="  ")
+        for text in self.cautions:
+            said = f"caution: {text}"
+            lines += textwrap.wrap(said, _WIDTH, initial_indent="  ", subsequent_indent="    ")
         lines += ["=" * _WIDTH, *format_table(_TITLES, self.table(), width=_WIDTH), ""]
         for note in self.all_notes():
             lines += textwrap.wrap(note, _WIDTH, initial_indent="- ", subsequent_indent="  ")
@@ -210,11 +225,11 @@ class Selection:
 
     def _repr_html_(self) -> str:
         which = "none" if self.recommended is None else self.recommended.label
-        caption = f"recommended poles, zeros: {which}. {self.reason}"
+        caption = " ".join((f"recommended poles, zeros: {which}. {self.reason}", *self.cautions))
         return html_table(_TITLES, self.table(), caption)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values: all rows, the position of the recommended one, reason, Hankel values.
+        """Plain values: all rows, where the recommended one stands and what is found on it.
 
         Returns
         -------
@@ -227,6 +242,7 @@ class Selection:
         return {
             "recommended": place,
             "reason": self.reason,
+            "findings": [asdict(finding) for finding in self.findings],
             "rows": [row.to_dict() for row in self.rows],
             "hankel": hankel,
             "notes": list(self.notes),

@@ -125,7 +125,7 @@ def _within(rows: Sequence[SelectionRow], verdict: Verdict) -> str:
 
 MISSED = (
     "Its residual still follows the input, so it does not explain the record: the smallest useful "
-    "model is recommended; try a delay, an offset or drift, or look for what is not linear."
+    "model is recommended."
 )
 
 COLOURED = (
@@ -188,10 +188,7 @@ def reason_of(
             f"Its {own.widest} is known to {share(own.relative_std)} only: a simpler model may do."
         )
     if missed:
-        told.append(
-            "Its residual still follows the input, so no candidate explains the record: try more "
-            "poles, a delay, or an offset or drift."
-        )
+        told.append("Its residual still follows the input, so no candidate explains the record.")
     return " ".join(filter(None, told))
 
 
