@@ -227,6 +227,16 @@ def test_a_sensor_that_sticks_for_five_seconds(key):
 
 
 @every_method
+@pytest.mark.fast("three-model")
+def test_a_value_that_comes_twice_is_not_stuck(key):
+    """A converter of many steps repeats one sample in several hundred by chance."""
+    u, y, _ = signals(2000)
+    y[[1200, 1700]] = y[[1199, 1699]]
+    state = fold(PLAIN[key], PLAIN[key].init(ASKED, DT), u, y)
+    assert not state.seen & Flag.STUCK
+
+
+@every_method
 @pytest.mark.fast("three-model", "least squares", "kalman", "gradient")
 def test_an_output_that_rests_is_not_stuck(key):
     """Without noise and without input an output stands still: no sensor is to blame."""

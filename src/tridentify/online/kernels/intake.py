@@ -183,7 +183,7 @@ def doubt(x: Array, w: int, y: float, fitted: float, leverage: float, own: float
         return True
     if x[w + slots.REPEATS] >= 5.0 and abs(fitted - x[w + slots.AT_FIRST]) > 4.0 * own:
         x[w + slots.STANDS] = 1.0
-    if x[w + slots.REPEATS] >= 2.0 and x[w + slots.DOUBLES] < slots.RARE * x[w + slots.TAKEN]:
+    if x[w + slots.REPEATS] >= 3.0 and x[w + slots.DOUBLES] < slots.RARE * x[w + slots.TAKEN]:
         x[w + slots.STANDS] = 1.0
     if x[w + slots.STANDS] > 0.0:
         x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.STUCK)
