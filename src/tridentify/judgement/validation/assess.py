@@ -19,12 +19,11 @@ from tridentify.errors import (
     OptionError,
     SampleTypeError,
     TridentifyError,
-    UnsupportedError,
 )
 from tridentify.estimation.answer.assemble import fingerprint
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding, joined
-from tridentify.estimation.methods.explained import explained_records
+from tridentify.estimation.methods.explained import explained_or_refused
 from tridentify.judgement.causes.feedback import Inputs
 from tridentify.judgement.causes.fewer import VAGUE
 from tridentify.judgement.causes.first_samples import Predictions, beginning
@@ -151,7 +150,7 @@ def validate(
         if known is not None:
             return _with_what_was_said(known, estimate, estimate.findings, wild)
         own = fingerprint(records) == estimate.record_fingerprint
-        view = look(estimate, _explained(estimate, records), experiment, own=own)
+        view = look(estimate, explained_or_refused(estimate, records), experiment, own=own)
         found = _judge(estimate, view, level, n_lags or _lags(estimate, view))
         return _with_what_was_said(found, estimate, estimate.findings if own else (), wild)
 
@@ -290,18 +289,6 @@ def may_react_at_all(estimate: Estimate, records: Sequence[Record]) -> bool:
         return False  # whatever is left of the outputs
     view = own_look(estimate, records)
     return view is not None and may_react(view)
-
-
-def _explained(estimate: Estimate, records: Sequence[Record]) -> Sequence[Record]:
-    """What the estimate is a fit to, of the records of a loop."""
-    found = explained_records(estimate, records)
-    if found is None:
-        raise UnsupportedError(
-            "found an estimate of a plant that is not stable, or one by the reference route and a "
-            "record without a reference; expected a stable model and the reference; compare the "
-            "coefficients of two records in place of it"
-        )
-    return found
 
 
 def _lags(estimate: Estimate, view: View) -> int:
