@@ -27,6 +27,7 @@ from tridentify.judgement.causes.intersample import (
     is_staircase,
 )
 from tridentify.judgement.causes.lost import Place, lost_rivals
+from tridentify.judgement.causes.periodic import periodic_rivals
 from tridentify.judgement.causes.present import Present
 from tridentify.judgement.causes.pulses import level_rivals, pulse_rivals
 from tridentify.judgement.causes.rivals import (
@@ -297,6 +298,7 @@ def _rivals(
         (("varying",), lambda: wandering_rivals(present, late)),
         (("drift",), lambda: drift_rivals(present)),
         (("drift",), lambda: slow_rivals(present)),
+        (("drift",), lambda: periodic_rivals(present, fitted)),
         (("order-low",), lambda: order_rivals(present)),
     )
     sorted_: dict[str, list[Rival]] = {}

@@ -143,8 +143,8 @@ def young(estimate: Estimate, spread: Array) -> float:
     known = (estimate.std > 0) & np.isfinite(estimate.std)
     if not known.any() or np.any(spread <= 0):
         return math.nan
-    relative = estimate.std[known] / np.maximum(np.abs(estimate.theta[known]), 1e-300)
     with np.errstate(divide="ignore", over="ignore"):
+        relative = estimate.std[known] / np.maximum(np.abs(estimate.theta[known]), 1e-300)
         first = float(np.mean(np.log(estimate.noise_variance / spread)))
         return first + float(np.log(np.mean(relative**2)))
 

@@ -247,7 +247,7 @@ def finding_of(
     )
     message += _not_told_from(found, explained)
     remedy, effect = rival.advice, _effect(found, explained, estimate)
-    if rival.code == "drift" and not rival.refits:
+    if rival.code == "drift" and not (rival.refits or rival.headline):
         remedy, brings = _about_slow(explained, estimate)
         effect = f"{effect} {brings}".rstrip()
     return Finding(
