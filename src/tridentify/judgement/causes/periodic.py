@@ -38,8 +38,8 @@ OF_THE_INPUT, OWN = 0.8, 10
 """Share of an input's variance in so many harmonics from which the period is that of the input."""
 FORETOLD, IN_ONE = (0.25, 0.2), 0.05
 """Share of one half of the residual that the sine of the other half has to tell, in the mean of the
-two: where the residual is strongest, and where it is less what wanders. A fifth of random walks come
-as far, and no white noise; the likelihood decides. And in one of the two at least."""
+two: where the residual is strongest, and where it is less what wanders. A fifth of random walks
+come as far, and no white noise; the likelihood decides. And in one of the two at least."""
 LONGER = 10.0
 """What twice the period has to explain besides, in ``-2 log L``."""
 DAY, NEAR = 86400.0, 0.03
