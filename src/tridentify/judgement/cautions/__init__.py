@@ -30,6 +30,7 @@ from tridentify.judgement.cautions.residual import (
 from tridentify.judgement.cautions.sensors import sensor_findings
 from tridentify.judgement.cautions.stuck import CODE_FOR_MISSING, STANDS
 from tridentify.judgement.cautions.tones import tone_findings
+from tridentify.judgement.cautions.wraps import WRAPS_ROUND
 from tridentify.judgement.validation.assess import looked_at
 from tridentify.judgement.validation.explained import TRIED, WITHOUT_THEM
 from tridentify.record.record import Record
@@ -95,7 +96,9 @@ def judged(
     if any(one.code == "nonlinear" and "friction" in one.message for one in tested):
         hung = [one for one in hung if not _may_be_held(one, records, step)]
     tested, seen = (_beside_hanging(one, hung, step) for one in (tested, seen))
-    if any(CODE_FOR_MISSING in one.message for one in hung):
+    if any(WRAPS_ROUND in one.message for one in hung):
+        tested = []  # whatever else it looks like is looked at when it is undone
+    if any(CODE_FOR_MISSING in one.message or WRAPS_ROUND in one.message for one in hung):
         found = [one for one in found if one.code != "no-response"]  # it was not looked at yet
     seen = _beside_causes([*seen, *with_stuck_tried(hung, estimate, records, known)], tested)
     if all(not np.any(np.ptp(record.u, axis=0)) for record in records):

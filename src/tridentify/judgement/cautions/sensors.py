@@ -42,6 +42,7 @@ from tridentify.judgement.cautions.stuck import (
     repeating,
     without_spikes,
 )
+from tridentify.judgement.cautions.wraps import wrapped
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.converter import Runs, quantum, runs
 from tridentify.numerics.quantiles import root_mean_square
@@ -155,6 +156,9 @@ def _seen(
         y, f = without_spikes(record.y[:, i]), fitted[:, i]
         noise = math.sqrt(float(noise_variance[i]))
         if not noise > ROUNDING * float(root_mean_square(y)):
+            continue
+        if (wraps := wrapped(record.y[:, i], name + where)) is not None:
+            yield wraps, name
             continue
         if (code := coded(y, name + where)) is not None:
             yield code, name
