@@ -174,7 +174,7 @@ def _is_unseen(best: Found, edge: float) -> bool:
             slopes[: powers.size] = np.polyval(np.polyder(num), pole) * steps
             slopes[at : at + num.size] = pole ** np.arange(num.size)[::-1]
             error = float(np.sqrt((slopes @ best.cov @ slopes.conj()).real))
-            clear = clear or abs(np.polyval(num, pole)) > UNSEEN * error
+            clear = clear or float(abs(np.polyval(num, pole))) > UNSEEN * error
         if not clear:
             return True
     return False
