@@ -95,6 +95,23 @@ def test_noise_that_is_held_shows_the_plant_in_the_rule_of_a_continuous_controll
     assert input_rule([recorded(u, y, r)], 2) is InputRule.UNKNOWN
 
 
+def held_beside_a_dither(seed, step):
+    """Fast samples of a continuous loop, moved at the set point and at the plant's input."""
+    rng, r = moved(seed)
+    dither = np.repeat(rng.standard_normal(N // 7 + 1), 7)[:N]
+    noise = 0.02 * rng.standard_normal(N)
+    u, y = continuous_loop(CHANNEL, PI, r, noise, step, dither=dither)
+    return tri.Record(u, y, dt=step, reference=np.column_stack([r, dither]))
+
+
+@pytest.mark.parametrize("seed", range(60, 65))
+@pytest.mark.fast("60")
+def test_a_part_of_a_rule_is_none_however_little_it_leaves(seed):
+    """Two lags leave a millionth of the input, and more of them leave nothing."""
+    rule = input_rule([held_beside_a_dither(seed, 0.01)], 2)
+    assert rule is InputRule.UNKNOWN
+
+
 @pytest.mark.parametrize("every", [2, 3])
 @pytest.mark.fast("2")
 def test_a_computer_slower_than_the_record_holds_its_input_for_all_to_see(every):

@@ -16,7 +16,8 @@ second or third sample alone, and is held in between for all to see (`is_held`).
 Two cases are not told. A controller without memory, ``u = K (r - y)``, makes (1) either way. And
 noise that is held over each interval, as in simulations, tells everything: then (1) holds for a
 continuous controller too, but with the states of the plant among those of the rule, so with more
-lags than the plant has poles. Fewer lags are a sampled controller's.
+lags than the plant has poles. Fewer lags are a sampled controller's, if they are the whole rule: of
+fast samples they leave a millionth of the input where more leave nothing.
 
 Coefficients are those of least absolute errors (least squares with weights ``1 / |error|``, again
 and again; Schlossmacher 1973, J. American Statistical Association 68, 857-859), which pass through
@@ -39,6 +40,9 @@ LAGS = 6
 EXACT = 1e-6
 """Share of the moving input that is left of an exact rule, beside the rounding of what is
 recorded: continuous controllers leave 3e-4 to 0.1 (random loops)."""
+SHARPER = 3.0
+"""Times what more lags leave, that is left of a rule which is not the whole: rounding is reduced by
+less, and what a part of a rule leaves by a hundred and more (random loops)."""
 COARSE = 3e-3
 """Rounding of the rule over what the input moves beyond its own past and the references, from which
 the rule may be hidden: continuous controllers leave 1e-2 of that at least (random loops)."""
@@ -153,19 +157,21 @@ def _rule(record: Record, j: int, few: int) -> InputRule:
 
     beyond = _beyond_its_past(u, reference, some, j, few)
 
-    def holds(lags: int) -> bool | None:
+    def holds(lags: int) -> tuple[bool | None, float]:
         table = np.hstack(
             [_lagged(signals, some, range(lags + 1)), _lagged(u, some, range(1, lags + 1))]
         )
         steps = np.concatenate([np.repeat(outer, lags + 1), np.repeat(own, lags)])
         return _holds(table, u[some, j], steps, own[j], size, beyond)
 
-    static = holds(0)
+    static, _ = holds(0)
     if static is not False:
         return InputRule.STATIC if static else InputRule.UNKNOWN
-    if holds(few):
+    shorter, left = holds(few)
+    longer, least = holds(LAGS)
+    if shorter and left <= SHARPER * least:
         return InputRule.SAMPLED
-    return InputRule.NONE if holds(LAGS) is False else InputRule.UNKNOWN
+    return InputRule.NONE if not shorter and longer is False else InputRule.UNKNOWN
 
 
 def _beyond_its_past(u: Array, reference: Array, some: Indices, j: int, lags: int) -> float:
@@ -179,8 +185,10 @@ def _beyond_its_past(u: Array, reference: Array, some: Indices, j: int, lags: in
 
 def _holds(
     columns: Array, target: Array, steps: Array, step: float, size: float, beyond: float
-) -> bool | None:
+) -> tuple[bool | None, float]:
     """Whether a combination of columns is the target in most samples; None where that is hidden.
+
+    Beside it what it usually leaves, and no less than its rounding.
 
     Parameters
     ----------
@@ -204,10 +212,11 @@ def _holds(
         left = np.abs(target - whole @ (solved / scale))
         # rounding is uniform over a step and independent from signal to signal
         rounding = float(np.sqrt((step**2 + (solved / scale)[1:] ** 2 @ steps**2) / 12.0))
+        usual = max(float(np.median(left)), rounding)
         if np.mean(left <= EXACT * size + WITHIN * rounding) > MAJORITY:
-            return True if rounding < COARSE * beyond else None
+            return True if rounding < COARSE * beyond else None, usual
         weights = 1.0 / np.sqrt(np.maximum(left, 1e-3 * EXACT * size))
-    return None if float(np.median(left)) < HIDDEN * rounding else False
+    return None if float(np.median(left)) < HIDDEN * rounding else False, usual
 
 
 def _free(u: Array) -> Indices:

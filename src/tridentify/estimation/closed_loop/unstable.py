@@ -177,6 +177,49 @@ def root(
     return found
 
 
+def root_in_noise(
+    loops: Sequence[Loop],
+    plants: Sequence[Plant],
+    choose_noise: Callable[[Sequence[Array]], Array],
+) -> Found | None:
+    """Step 4 from several plants, each with its own noise from the first step on; the likeliest.
+
+    White weights lead away from a plant whose noise is slow and large.
+
+    Parameters
+    ----------
+    loops : sequence of Loop
+    plants : sequence of Plant
+    choose_noise : callable
+        As of `root`.
+    """
+    ends = []
+    for plant in plants:
+        found = _beside_its_noise(loops, plant, choose_noise)
+        ends += [found] if found is not None and found.still else []
+    return min(ends, key=lambda one: one.deviance, default=None)
+
+
+def _beside_its_noise(
+    loops: Sequence[Loop], plant: Plant, choose_noise: Callable[[Sequence[Array]], Array]
+) -> Found | None:
+    best = None
+    counts = [loop.record.n_samples for loop in loops]
+    for _ in range(MOST_NOISE_ROUNDS):
+        try:
+            plain = linear_errors(loops, plant, np.zeros(0))
+            errors = np.split(plain.step()[1], np.cumsum(counts)[:-1])
+            noise = choose_noise(errors)
+            start = linear_errors(loops, plant, noise)
+            found = _descended(loops, plant, start, driven_basis(loops, noise), True)
+        except np.linalg.LinAlgError:  # beyond all bounds
+            break
+        if not found.still or (best is not None and found.deviance >= best.deviance):
+            break
+        best, plant = found, found.plant
+    return best
+
+
 def _in_coloured_noise(loops: Sequence[Loop], found: Found, noise: Array) -> Found:
     """A root for white noise with its covariance in coloured noise.
 

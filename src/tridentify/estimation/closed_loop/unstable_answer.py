@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import chdtri
@@ -23,9 +23,16 @@ from tridentify.estimation.closed_loop.linear_errors import (
     merit,
     slowest,
 )
+from tridentify.estimation.closed_loop.long_past import plants_of_forecast
 from tridentify.estimation.closed_loop.noise_driven import beside_noise
 from tridentify.estimation.closed_loop.predictor import Predictor
-from tridentify.estimation.closed_loop.unstable import Found, autoregressive, root, with_fall
+from tridentify.estimation.closed_loop.unstable import (
+    Found,
+    autoregressive,
+    root,
+    root_in_noise,
+    with_fall,
+)
 from tridentify.estimation.closed_loop.unstable_starts import starting_plants
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.information import aicc_price
@@ -40,9 +47,45 @@ ROUNDING = 1e-9
 """Share of the output below which an error is none."""
 MISSED = 1e-4
 """p-value of what the references explain of the errors, from which another end is looked for."""
+UNSEEN = 4.0
+"""Standard errors of a pole's residue, up to which it is asked whether an input moves it at all."""
 MORE_ROUNDS = 4
 """Fits of the driven input beside the noise that the model leaves: more than of a stable plant, as
 the input is more noise than response."""
+
+
+@dataclass(frozen=True, eq=False)
+class NotStable:
+    """A plant that is not stable, and whether it may be an end that is none of the plant.
+
+    Attributes
+    ----------
+    estimate : Estimate
+    criterion : float
+        AICc of the noise of the output, as a stable plant has it.
+    follows : bool
+        Whether what it leaves follows the references.
+    unseen : bool
+        Whether a pole that is not stable has a zero upon it, a pair that takes up the slow part of
+        a stable plant beside slow noise.
+    """
+
+    estimate: Estimate
+    criterion: float
+    follows: bool
+    unseen: bool
+
+    def or_stable(self, other: Estimate) -> Estimate:
+        """A stable plant in its place, where that leaves clearly less, or is as simple."""
+        likelier = other.aicc < self.criterion
+        if self.unseen and likelier and other.status is Status.WEAKLY_IDENTIFIABLE:
+            return other
+        less = leaves_more(self.estimate, other)
+        if any(one.size for one in self.estimate.noise_model):
+            # what is left is as large as slow noise is, whichever plant leaves it
+            less = other.aicc < self.criterion - AS_LIKELY
+        better = less or (self.unseen and likelier)
+        return other if better and other.status is Status.CONVERGED else self.estimate
 
 
 def unstable_estimate(
@@ -51,11 +94,8 @@ def unstable_estimate(
     asked: Request,
     coloured: bool,
     say: Callable[[str], None],
-) -> tuple[Estimate, bool] | None:
-    """The estimate of a plant with a pole at zero or to the right of it; None for any other.
-
-    And whether what it leaves follows the references, as of an end that is none of the plant.
-    """
+) -> NotStable | None:
+    """The estimate of a plant with a pole at zero or to the right of it; None for any other."""
     orders = orders_of(asked.records, asked.structure)
     if orders is None:
         return None
@@ -83,6 +123,9 @@ def unstable_estimate(
         loops, best = renewed, following
     if best is not None and best.still and choose is not None:
         best = root(loops, [best.plant], choose, say)
+    if best is not None and choose is not None and kind == "sampled" and _follows(loops, best):
+        other = root_in_noise(loops, plants_of_forecast(loops, *orders), choose)
+        best = best if other is None or other.deviance >= best.deviance else other
     if best is None or not best.still or not best.plant.poles.real.max() > -edge:
         return None
     # the errors of a predictor that runs off have no scale
@@ -98,7 +141,14 @@ def unstable_estimate(
         grown = replace(grown, cov=grown.cov + spread)
     best = grown
     found = estimate_of(asked, loops, best, (f"controller taken as {IN_WORDS[kind]}",))
-    return replace(found, route="reference"), _follows(loops, best)
+    # its criterion is that of the mirrored predictor's errors
+    mirrored = 2.0 * found.n_samples * float(np.log(best.amplification))
+    return NotStable(
+        replace(found, route="reference"),
+        found.aicc - mirrored,
+        _follows(loops, best),
+        _is_unseen(best, edge),
+    )
 
 
 def _follows(loops: Sequence[Loop], best: Found) -> bool:
@@ -108,6 +158,26 @@ def _follows(loops: Sequence[Loop], best: Found) -> bool:
         return False
     size = merit(linear_errors(loops, best.plant, best.noise), basis) / best.variance
     return size > float(chdtri(max(basis.shape[1] - best.plant.theta.size, 1), MISSED))
+
+
+def _is_unseen(best: Found, edge: float) -> bool:
+    """Whether a pole that does not decay within the record may have no part in the response."""
+    plant, den = best.plant, np.append(1.0, best.plant.a)
+    for pole in plant.poles[plant.poles.real > -edge]:
+        # a coefficient of the denominator moves the pole, and with it what a numerator is there
+        powers = pole ** np.arange(den.size - 1)[::-1]
+        steps = -powers / np.polyval(np.polyder(den), pole)
+        places = den.size - 1 + np.cumsum([0, *(one.size for one in plant.b)])
+        clear = False
+        for at, num in zip(places, plant.b, strict=False):
+            slopes = np.zeros(plant.theta.size, dtype=np.complex128)
+            slopes[: powers.size] = np.polyval(np.polyder(num), pole) * steps
+            slopes[at : at + num.size] = pole ** np.arange(num.size)[::-1]
+            error = float(np.sqrt((slopes @ best.cov @ slopes.conj()).real))
+            clear = clear or float(abs(np.polyval(num, pole))) > UNSEEN * error
+        if not clear:
+            return True
+    return False
 
 
 def leaves_more(found: Estimate, other: Estimate) -> bool:
@@ -271,8 +341,7 @@ def estimate_of(
         nuisance=tuple(nuisance),
         degrees_of_freedom=found.freedom,
         cost=float(np.nanmean(left**2)),
-        aicc=count * float(np.log(np.nanmean(np.concatenate(found.errors) ** 2)))
-        + aicc_price(k, count),
+        aicc=count * float(np.log(found.variance * found.freedom / count)) + aicc_price(k, count),
         condition=found.condition,
         gradient=0.0,
         noise_model=(found.noise,) if found.noise.size else (),

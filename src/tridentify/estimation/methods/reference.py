@@ -60,7 +60,7 @@ from tridentify.estimation.closed_loop.known_controller import (
 )
 from tridentify.estimation.closed_loop.moving import together_findings
 from tridentify.estimation.closed_loop.recorded_input import Worked
-from tridentify.estimation.closed_loop.unstable_answer import leaves_more, unstable_estimate
+from tridentify.estimation.closed_loop.unstable_answer import NotStable, unstable_estimate
 from tridentify.estimation.likelihood.answer import widened_by
 from tridentify.estimation.likelihood.noise_model import STILL as NOISE_STILL
 from tridentify.estimation.methods.along_axis import with_fall
@@ -148,7 +148,7 @@ def reference_estimate(
         unstable = unstable_estimate(parts, kind, asked, coloured is not None, say)
         if unstable is not None:
             again = partial(reference_estimate, asked, controller, plain, near, coloured, say)
-            return _or_stable(*unstable, partial(again, robust=robust, only_stable=True))
+            return _or_stable(unstable, partial(again, robust=robust, only_stable=True))
     found = _white(parts, kind, asked.structure, plain, near, say, again=known is None)
     told, how = f"controller taken as {IN_WORDS[kind]}{taken.why}", rule
     findings: tuple[Finding, ...] = ()
@@ -193,13 +193,13 @@ def _hanging(far: float) -> tuple[Finding, ...]:
     )
 
 
-def _or_stable(found: Estimate, follows: bool, stable: Callable[[], Estimate]) -> Estimate:
-    """A plant that is not stable; or a stable one, where the first misses a response."""
+def _or_stable(found: NotStable, stable: Callable[[], Estimate]) -> Estimate:
+    """A plant that is not stable; or a stable one, where the first may be none and it is better."""
     try:
-        other = stable() if follows else None
+        other = stable() if found.follows or found.unseen else None
     except TridentifyError:
-        return found
-    return found if other is None or not leaves_more(found, other) else other
+        other = None
+    return found.estimate if other is None else found.or_stable(other)
 
 
 def _reaching(found: Rooted, moves: Sequence[Array]) -> tuple[Rooted, float]:
