@@ -144,15 +144,24 @@ def whitened(left: Array) -> Array:
 
 def through(a: Array, values: Array) -> Array:
     """What an autoregression leaves of a series; without the first samples."""
-    filled = np.where(np.isfinite(values), values, 0.0)
+    filled = _filled(values)
     white: Array = np.convolve(filled, np.append(1.0, -a))[: filled.size]
     white[~np.isfinite(values)] = np.nan
     return white[a.size :]
 
 
+def _filled(values: Array) -> Array:
+    """A series with straight lines over what is missing: zeros would be steps of the noise."""
+    seen = np.isfinite(values)
+    if seen.all() or not seen.any():
+        return np.where(seen, values, 0.0)
+    places = np.arange(values.size)
+    return np.asarray(np.interp(places, places[seen], values[seen]))
+
+
 def autoregression(left: Array) -> Array:
     """(order,) coefficients that foretell a series from its past, by Yule and Walker."""
-    filled = np.where(np.isfinite(left), left, 0.0)
+    filled = _filled(left)
     order = int(min(MOST_LAGS, LAGS_PER_SAMPLE * left.size))
     lags = np.array([filled[k:] @ filled[: filled.size - k] for k in range(order + 1)])
     if order < 1 or not lags[0] > 0.0:
