@@ -113,14 +113,15 @@ def test_gusts_with_gaps_are_no_change():
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_a_change_in_a_slow_disturbance_is_answered_and_dated():
-    """3 of 20 answers were more than four stated errors off, without a word, and dates early."""
+    """3 of 12 were dated one to three seconds early, and answers off by up to 20 stated errors."""
     early, off = 0, []
     for seed in range(40, 52):
         kept = samples(seed, 3000, 1500, 0.4)
         record = Record(kept[:, 1], kept[:, 2], dt=DT)
         run = online.run(online.ThreeModel(), record, ASKED, every=1e9)
-        early += sum(at < 1450 for at in run.state.changes)
+        # a false change long before it is another matter
+        early += sum(1100 <= at < 1450 for at in run.state.changes)
         off.append((run.estimate.theta - OTHER) / run.estimate.std)
     print("early", early, "rms", np.sqrt(np.mean(np.square(off))), "most", np.max(np.abs(off)))
-    assert early <= 2
+    assert early <= 1
     assert np.sqrt(np.mean(np.square(off))) < 1.5
