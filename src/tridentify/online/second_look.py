@@ -20,6 +20,10 @@ from tridentify.online.layout import Setting
 from tridentify.online.residual import refined
 from tridentify.online.search import record_of
 
+CLEARLY = 1.25
+"""Ratio of standard errors below which nothing is said: a noise model of few samples of white noise
+makes them a few per cent larger."""
+
 
 def doubted(setting: Setting, samples: Array, theta: Array, cov: Array) -> Array:
     """The covariance, with standard errors that what the samples say with a noise model allows.
@@ -36,7 +40,7 @@ def doubted(setting: Setting, samples: Array, theta: Array, cov: Array) -> Array
     Returns
     -------
     (n, n) array
-        ``cov`` itself where the samples say nothing.
+        ``cov`` itself where the samples say nothing, or hardly anything else.
     """
     std = np.sqrt(np.diagonal(cov))
     if not np.all(std > 0.0):
@@ -49,4 +53,4 @@ def doubted(setting: Setting, samples: Array, theta: Array, cov: Array) -> Array
         return cov
     least = np.maximum(np.sqrt(np.diagonal(found.cov)), np.abs(found.theta - theta))
     ratio = np.maximum(least / std, 1.0)
-    return cov if np.all(ratio == 1.0) else ratio[:, None] * cov * ratio
+    return cov if np.all(ratio < CLEARLY) else ratio[:, None] * cov * ratio
