@@ -161,12 +161,18 @@ def test_longer_blocks_count_where_their_scores_scatter_more(monkeypatch):
     monkeypatch.setattr(room, "_scores_of", lambda *_: seen)
     found = room.with_scatter(None, None, eye, np.ones(1), [np.arange(3)], eye)
     tails = (scipy.stats.t.ppf(0.975, 16) / scipy.stats.norm.ppf(0.975)) ** 2
-    assert np.allclose(found, tails * sums[1])
+    # sixteen blocks and three directions; the ratio of traces goes on by a third of its last step
+    told, ratios = 16.0 / 19.0, np.array([20.0, 33.0]) / 3.0
+    expected = told * sums[1] + (1.0 - told) * ratios[1] * eye
+    beyond = 1.0 + (ratios[1] - ratios[0]) / 3.0 / ratios[1]
+    assert np.allclose(found, tails * beyond * expected)
     # sixteen blocks do not tell twelve directions apart
     many = np.array([np.kron(np.eye(4), one) for one in sums])
     seen = room._Scores(np.ones(12, dtype=bool), np.ones(12), np.eye(12), many, blocks)
     found = room.with_scatter(None, None, np.eye(12), np.ones(1), [np.arange(12)], np.eye(12))
-    assert found[2, 2] / found[0, 0] == pytest.approx(0.5)
+    told = 66.0 / 78.0
+    small, large = (told * one + (1.0 - told) * 20.0 / 3.0 for one in (4.0, 8.0))
+    assert found[2, 2] / found[0, 0] == pytest.approx(small / large)
 
 
 @pytest.mark.slow
@@ -192,3 +198,49 @@ def test_a_change_among_the_kept_samples_is_not_taken_for_usual():
     run = online.run(online.ThreeModel(), Record(record.u, y, dt=DT), REST, every=1e9)
     assert run.state.changes
     assert 1000 <= run.state.changes[0] < 1600
+
+
+@pytest.mark.parametrize("share", [1.0, 0.5])
+def test_scores_of_white_noise_would_give_its_errors_whatever_is_forgotten(monkeypatch, share):
+    """Twice the scatter is twice the covariance, also where weights make that smaller."""
+    rng = np.random.default_rng(6)
+    map_, root = rng.standard_normal((2, 3, 3))
+    information = root @ root.T + np.eye(3)
+    white = share * map_ @ np.linalg.inv(information) @ map_.T
+    blocks = np.full(slots.LEVELS, 1e6)
+    sums = np.tile(2.0 * information, (slots.LEVELS, 1, 1))
+    inverse = np.linalg.inv(information)
+    seen = room._Scores(np.ones(3, dtype=bool), np.ones(3), inverse, sums, blocks)
+    monkeypatch.setattr(room, "_scores_of", lambda *_: seen)
+    found = room.with_scatter(None, None, white, np.ones(1), [np.arange(3)], map_)
+    assert np.allclose(found, 2.0 * white, rtol=1e-4)
+
+
+def shaken(seed: int, count: int, forgetting: float) -> tuple[Any, Any]:
+    """A resonant plant, gusts of half a second on its output."""
+    rng, dt = np.random.default_rng([seed, 77]), 0.02
+    u = rng.choice([-1.0, 1.0], count // 20 + 1).repeat(20)[:count]
+    y = simulate(TransferFunction([2.0, 3.0], [1.0, 3.0, 9.0]), Record(u, u, dt=dt))[:, 0]
+    keep = np.exp(-dt / 0.5)
+    gust = scipy.signal.lfilter(
+        [np.sqrt(1 - keep**2)], [1, -keep], rng.standard_normal(count + 500)
+    )
+    y = y + y.std() * (0.3 * gust[500:] + 0.05 * rng.standard_normal(count))
+    method = online.ThreeModel(forgetting=forgetting)
+    return method, online.run(method, Record(u, y, dt=dt), Structure(2, 1), every=20.0)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_bands_hold_with_coloured_noise_where_samples_are_forgotten():
+    """Half of the variance was lost there, and few blocks were taken for many."""
+    found = []
+    for seed in range(8):
+        method, run = shaken(seed, 7000, 1.0 - 1.0 / 500.0)
+        for state in run.states[1:]:
+            estimate = method.estimate(state)
+            found.append((estimate.theta - [3.0, 9.0, 2.0, 3.0]) / estimate.std)
+    off = np.abs(found)
+    print("rms", np.sqrt(np.mean(off**2)), "inside", np.mean(off < 1.96))
+    assert np.sqrt(np.mean(off**2)) < 1.4
+    assert np.mean(off < 1.96) > 0.85

@@ -53,19 +53,77 @@ def left_by(setting: Setting, record: Record, theta: Array) -> Array:
     record : Record
     theta : (n_coefficients,) array
     """
-    model, p, n = model_of(setting, theta), setting.n_outputs, setting.n_poles
-    rested = record._derive(u=np.zeros_like(record.u), intersample="zoh")
-    free = [simulate(model, rested, free_response=np.tile(np.eye(n)[k], (p, 1))) for k in range(n)]
-    driven = simulate(model, record._derive(u=record.u - record.u[0]))
-    left = record.y - driven
-    for i in range(p):
-        table = np.column_stack([*(one[:, i] for one in free), np.ones(len(left))])
-        sizes = np.linalg.norm(table, axis=0)
-        table = table / np.where(sizes > 0.0, sizes, 1.0)
+    left, tables = _parts_of(setting, record, theta)
+    for i, table in enumerate(tables):
         seen = np.isfinite(left[:, i])
         weights = np.linalg.lstsq(table[seen], left[seen, i], rcond=None)[0]
         left[:, i] -= table @ weights
     return left
+
+
+def _parts_of(setting: Setting, record: Record, theta: Array) -> tuple[Array, list[Array]]:
+    """What a model that begins at rest leaves; and of each output free responses and a constant."""
+    model, p, n = model_of(setting, theta), setting.n_outputs, setting.n_poles
+    rested = record._derive(u=np.zeros_like(record.u), intersample="zoh")
+    free = [simulate(model, rested, free_response=np.tile(np.eye(n)[k], (p, 1))) for k in range(n)]
+    driven = simulate(model, record._derive(u=record.u - record.u[0]))
+    tables = []
+    for i in range(p):
+        table = np.column_stack([*(one[:, i] for one in free), np.ones(len(driven))])
+        sizes = np.linalg.norm(table, axis=0)
+        tables.append(table / np.where(sizes > 0.0, sizes, 1.0))
+    return record.y - driven, tables
+
+
+def gain_before(setting: Setting, record: Record, old: Array, new: Array) -> Slices[Array]:
+    """(n_samples,) fall of -2 log L, were a record up to a sample of the old coefficients.
+
+    Against the new ones throughout, both parts with an initial state and an offset of their own,
+    whitened by the autoregression of what the new ones leave.
+
+    Parameters
+    ----------
+    setting : Setting
+    record : Record
+    old, new : (n_coefficients,) arrays
+    """
+    total, parts = np.zeros(record.n_samples), []
+    for theta in (old, new):
+        parts.append(_parts_of(setting, record, theta))
+        yield
+    after = left_by(setting, record, new)
+    for i in range(setting.n_outputs):
+        yield
+        a = autoregression(after[:, i])
+        rows = [_whitened_rows(a, left[:, i], tables[i]) for left, tables in parts]
+        seen = np.all(np.isfinite(np.hstack([*rows, through(a, after[:, i])[:, None]])), axis=1)
+        if not seen.any():
+            continue
+        sizes = sizes_of(through(a, after[:, i])[seen])
+        if not np.all(sizes > 0.0):
+            continue
+        before = _growing(rows[0][seen] / sizes[:, None])
+        since = _growing((rows[1][seen] / sizes[:, None])[::-1])
+        gain = np.zeros(record.n_samples)
+        gain[a.size :][seen] = since[-1] - before - np.append(since[-2::-1], 0.0)
+        last = np.maximum.accumulate(np.where(gain != 0.0, np.arange(gain.size), 0))
+        total += gain[last]
+    return total
+
+
+def _whitened_rows(a: Array, left: Array, table: Array) -> Array:
+    return np.column_stack([through(a, one) for one in (*table.T, left)])
+
+
+def _growing(rows: Array) -> Array:
+    """(k,) sum of squares that the columns leave of the last, over one row, two rows and so on."""
+    products = np.cumsum(rows[:, :, None] * rows[:, None, :], axis=0)
+    normal, sides = products[:, :-1, :-1].copy(), products[:, :-1, -1:]
+    where = np.arange(normal.shape[1])
+    normal[:, where, where] += 1e-9 * np.diagonal(products[-1])[:-1] + 1e-300
+    return np.asarray(
+        products[:, -1, -1] - np.sum(sides * np.linalg.solve(normal, sides), axis=(1, 2))
+    )
 
 
 def gain_of(before: Array, after: Array) -> Array:
@@ -86,15 +144,24 @@ def whitened(left: Array) -> Array:
 
 def through(a: Array, values: Array) -> Array:
     """What an autoregression leaves of a series; without the first samples."""
-    filled = np.where(np.isfinite(values), values, 0.0)
+    filled = _filled(values)
     white: Array = np.convolve(filled, np.append(1.0, -a))[: filled.size]
     white[~np.isfinite(values)] = np.nan
     return white[a.size :]
 
 
+def _filled(values: Array) -> Array:
+    """A series with straight lines over what is missing: zeros would be steps of the noise."""
+    seen = np.isfinite(values)
+    if seen.all() or not seen.any():
+        return np.where(seen, values, 0.0)
+    places = np.arange(values.size)
+    return np.asarray(np.interp(places, places[seen], values[seen]))
+
+
 def autoregression(left: Array) -> Array:
     """(order,) coefficients that foretell a series from its past, by Yule and Walker."""
-    filled = np.where(np.isfinite(left), left, 0.0)
+    filled = _filled(left)
     order = int(min(MOST_LAGS, LAGS_PER_SAMPLE * left.size))
     lags = np.array([filled[k:] @ filled[: filled.size - k] for k in range(order + 1)])
     if order < 1 or not lags[0] > 0.0:
@@ -154,6 +221,8 @@ def refined(setting: Setting, record: Record, theta: Array, std: Array) -> Slice
             white = through(a, left[:, i])
             table = np.column_stack([through(a, one[:, i]) for one in slopes])
             seen = np.isfinite(white)
+            if seen.sum() <= theta.size:
+                return None
             sizes = sizes_of(white[seen])
             if not np.all(sizes > 0.0):
                 return None

@@ -13,7 +13,13 @@ keeps ``M`` and, for blocks of 1, 4, 16 ... times the shortest length, ``B`` (`i
 twenty blocks, or two a direction and no less than six, that of the largest ``tr(M^{-1} B)`` is
 taken, with the errors of the t distribution that they leave: what a model misses of the response
 has scores that scatter more the longer the blocks are. Where a longer level of six blocks has a
-larger trace, the covariance grows by the ratio of the two. *Whether.* Under white noise
+larger trace, the covariance grows by the ratio of the two. What a block loses at its two ends falls
+with its length, so a trace that grew from one level to the next goes on growing by a third of that
+step, as blocks are four times as long each time (Vats & Flegal 2022). A few blocks tell the trace,
+but hardly one direction from another: to ``B`` come as many blocks as there are directions, in
+which all scatter alike. Where samples are forgotten, blocks of falling weights ``w`` count as
+``(sum w)^2 / sum w^2``, and the covariance as that for white noise has the share of the weights.
+*Whether.* Under white noise
 ``tr(M^{-1} B) / (k s^2)`` is one with the variance ``2 / (r blocks)``, where ``r`` of the ``k``
 directions are spanned by a block; only if it is three standard deviations above that on a level, or
 six below, as errors that are too small do more harm, is the sandwich used, so that nothing is lost
@@ -24,6 +30,8 @@ References
 ----------
 H. White, Econometrica 48 (1980), 817-838.
 W. K. Newey, K. D. West, Econometrica 55 (1987), 703-708.
+D. Vats, J. M. Flegal, Lugsail lag windows for estimating time-average covariance matrices,
+Biometrika 109 (2022), 735-750.
 """
 
 from __future__ import annotations
@@ -234,10 +242,11 @@ def with_scatter(
     live, unit, inverse, sums, blocks = scores
     size = int(live.sum())
     ratios = np.einsum("ij,lji->l", inverse, sums) / size
+    beyond = np.append(0.0, np.maximum(np.diff(ratios), 0.0)) / (slots.PER_LEVEL - 1.0)
     spanned = np.minimum(SPANNED * float(slots.PER_LEVEL) ** np.arange(blocks.size), size)
     off = (ratios - 1.0) * np.sqrt(0.5 * spanned * blocks)
     last = int(np.flatnonzero(blocks >= FEW)[-1])
-    longest = float(ratios[last]) if off[last] > CLEARLY_LARGER else 1.0
+    longest = float(ratios[last] + beyond[last]) if off[last] > CLEARLY_LARGER else 1.0
     many = np.flatnonzero(blocks >= FEWEST)
     if not np.any((off[many] > CLEARLY_LARGER) | (off[many] < -CLEARLY_SMALLER)):
         return cov * longest
@@ -247,11 +256,23 @@ def with_scatter(
     tails = (stdtrit(blocks[level], COVERED) / ndtri(COVERED)) ** 2
     first = np.cumsum(live)[:n] - 1
     bread = (unit[:, None] * inverse * unit)[np.ix_(first, first)]
-    middle = unit[:, None] * (inverse @ sums[level] @ inverse) * unit
+    # few blocks do not tell directions apart: as if as many more had shown the same of all
+    told = blocks[level] / (blocks[level] + size)
+    spread = told * inverse @ sums[level] @ inverse + (1.0 - told) * ratios[level] * inverse
+    middle = unit[:, None] * spread * unit
     left = np.linalg.solve(bread, np.linalg.solve(map_, cov)).T
-    found = left @ middle[np.ix_(first, first)] @ left.T * tails
-    found = found * max(longest / max(float(ratios[level]), 1e-12), 1.0)
+    # for white noise it is to be ``cov``, whatever part of the weights the scores have
+    part = float(np.trace(np.linalg.solve(map_.T, left.T))) / n
+    found = left @ middle[np.ix_(first, first)] @ left.T * (tails / part)
+    reached = max(float(ratios[level] + beyond[level]), longest)
+    found = found * max(reached / max(float(ratios[level]), 1e-12), 1.0)
     return np.asarray(0.5 * (found + found.T))
+
+
+def tells(blueprint: Blueprint, x: Array) -> bool:
+    """Whether there are blocks enough to say whether noise is white."""
+    own = [scatter_of(blueprint, x, i).blocks for i in range(int(blueprint.ints[slots.OUTPUTS]))]
+    return bool(_independent(np.min(own, axis=0), _kept(blueprint))[0] >= FEWEST)
 
 
 class _Scores(NamedTuple):
@@ -286,6 +307,7 @@ def _scores_of(
         total[at] += seen.information / variance[i]
         products[:, at[0], at[1]] += seen.products / (seen.power * variance[i])
         blocks = np.minimum(blocks, seen.blocks)
+    blocks = _independent(blocks, _kept(blueprint))
     live = np.diagonal(total) > 0.0
     if not np.any(blocks >= FEW) or not np.all(live[:n]):
         return None
@@ -297,6 +319,28 @@ def _scores_of(
     inverse = (vectors / eigenvalues) @ vectors.T
     sums = unit[:, None] * products[:, live][:, :, live] * unit
     return _Scores(live, unit, inverse, sums, blocks)
+
+
+def _kept(blueprint: Blueprint) -> Array:
+    """(l,) weight of a block of each level over that of the one after it."""
+    one = float(blueprint.constants[slots.FORGETTING] ** blueprint.ints[slots.BLOCK])
+    return np.asarray(one ** float(slots.PER_LEVEL) ** np.arange(slots.LEVELS))
+
+
+def _independent(blocks: Array, kept: Array) -> Array:
+    """Blocks of equal weight that tell as much as those of weights that fall, ``blocks`` in sum.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> weights = 0.5 ** np.arange(3)
+    >>> found = _independent(np.array([weights.sum(), 4.0]), np.array([0.5, 1.0]))
+    >>> bool(np.allclose(found, [weights.sum() ** 2 / np.sum(weights**2), 4.0]))
+    True
+    """
+    lost = 1.0 - kept
+    oldest = np.clip(1.0 - blocks * lost, 0.0, 1.0)
+    return np.asarray(blocks * (1.0 + kept) / (1.0 + oldest))
 
 
 def widened(

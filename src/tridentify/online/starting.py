@@ -54,6 +54,9 @@ def run_kept(
                 blueprint.ints, blueprint.constants, x, u, y, k, len(y), innovations, flags
             )
             x[slots.FILLED] = 0.0
+            # or an alarm would stop the loop again at every sample that follows
+            for i in range(setting.n_outputs):
+                x[watch_of(blueprint, i) + slots.MOVED] = 0.0
         return flags
     at = slots.INBOX
     each = method.constants_for(blueprint, setting, np.where(regular, setting.dt, samples[:, 0]))

@@ -26,8 +26,9 @@ from tridentify.online.equation_plan import from_directions
 from tridentify.online.findings import noise_finding
 from tridentify.online.kernels import slots
 from tridentify.online.layout import Blueprint, Setting, smallest_channel
-from tridentify.online.scatter import with_scatter
+from tridentify.online.scatter import tells, with_scatter
 from tridentify.online.search import record_of
+from tridentify.online.second_look import doubted
 from tridentify.online.summary import change_columns, on_order, seen, summarise, transfer
 from tridentify.record.record import Record
 
@@ -216,8 +217,23 @@ def estimate_of(
     solution: Finished,
     method: str,
     poles: Complex,
+    again: Array | None = None,
 ) -> Estimate:
-    """The estimate with its standard errors; ``poles``: those that the directions were made at.
+    """The estimate with its standard errors.
+
+    Parameters
+    ----------
+    setting : Setting
+    blueprint : Blueprint
+    x : array
+        Of the estimator.
+    solution : Finished
+    method : str
+        Its name.
+    poles : (n,) complex array
+        Those that the directions were made at.
+    again : (k, n_inputs + n_outputs + 1) array, optional
+        All samples that the estimate is of, where they are still kept (`online.second_look`).
 
     Raises
     ------
@@ -251,6 +267,8 @@ def estimate_of(
     map_ = from_directions(setting, poles)
     white = found.cov * share
     cov = with_scatter(blueprint, x, white, found.noise_variance, own, map_)
+    if again is not None and (cov is not white or not tells(blueprint, x)):
+        cov = doubted(setting, again, found.theta, cov)
     count = int(x[slots.COUNT])
     asked = Request((record,), setting.structure, method, count, record.dt, fingerprint="")
     return assemble(asked, replace(found, cov=cov, findings=noise_finding(white, cov)))

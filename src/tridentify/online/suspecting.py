@@ -39,7 +39,14 @@ from tridentify.online.kernels import slots
 from tridentify.online.layout import Setting, Stage
 from tridentify.online.residual import Refined, is_driven, refined
 from tridentify.online.scatter import wonted
-from tridentify.online.search import DOUBTED, TRIED, FoundPoles, clean_search, first_try, record_of
+from tridentify.online.search import (
+    DOUBTED,
+    TRIED,
+    FoundPoles,
+    clean_search,
+    first_try,
+    record_of,
+)
 from tridentify.online.starting import advanced, again, calm, idle, roomed, shortened, told_changed
 from tridentify.online.state import State
 from tridentify.online.suspicion import (
@@ -49,6 +56,7 @@ from tridentify.online.suspicion import (
     explains_better,
     is_determined,
     packed,
+    still_old,
     together,
     unpacked,
 )
@@ -70,7 +78,9 @@ class WitnessVerdict(NamedTuple):
     found : FoundPoles or None
         The model of the samples.
     samples : (k, n_inputs + n_outputs + 1) array
-        Without those that are far off.
+        Of the plant that was found, without those that are far off.
+    begin : int
+        Samples since the alarm that are still of the old plant.
     """
 
     changed: bool
@@ -78,6 +88,7 @@ class WitnessVerdict(NamedTuple):
     after: Old | None
     found: FoundPoles | None
     samples: Array
+    begin: int = 0
 
 
 class _Model(NamedTuple):
@@ -128,7 +139,11 @@ def looking(
         return WitnessVerdict(False, None, taken, now.found, now.samples)
     moved = differ(others[0], now.new)
     after = taken if moved or witness is None else together(witness, taken)
-    return WitnessVerdict(changed and moved, witness, after, now.found, now.samples)
+    if not (changed and moved):
+        return WitnessVerdict(False, witness, after, now.found, now.samples)
+    yield
+    begin = yield from still_old(setting, now.record, others[0], now.new)
+    return WitnessVerdict(True, witness, after, now.found, now.samples[begin:], begin)
 
 
 def _model_of(setting: Setting, samples: Array, begun_anew: bool) -> Slices[_Model | None]:
@@ -295,7 +310,7 @@ class Suspecting(Estimator):
         if not verdict.changed:
             wonted(stage.blueprint, x)
             return self._dropped(state, verdict.after)
-        changes = (*stage.changes, int(x[slots.SUSPECT]) - 1)
+        changes = (*stage.changes, int(x[slots.SUSPECT]) - 1 + verdict.begin)
         state = State(x, state.stage.but(changes=changes))
         if self.on_change == "flag":
             state = self._dropped(state, verdict.after)

@@ -17,6 +17,14 @@ of the new ones made for coloured noise and ``LARGER``, as few samples tell litt
 
 *A model.* The new one must be certain of its poles, with errors for white noise and with these.
 
+*From two sides.* The search is for white noise, and a slow disturbance may lead it into another
+valley: the steps to the minimum for coloured noise begin at the present coefficients, too, and the
+more likely end counts. Samples at a limit that was known of the sensor are no response.
+
+*Since when.* An alarm that noise gave, and a look without one, may come before the change. So the
+samples are cut where the old coefficients before and the new ones after are the most likely
+(`still_old`): the change is dated there, and the estimator begins there.
+
 As long as it does not hold, the search is repeated on twice as many samples; in the end the
 suspicion is dropped. Samples that came meanwhile have counted for the old model as all others.
 """
@@ -31,10 +39,12 @@ from scipy.special import chdtri
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.realization import sort_poles
 from tridentify.numerics.slices import Slices
+from tridentify.online.kernels import slots
 from tridentify.online.launch import Launch, Planner, launching
-from tridentify.online.layout import Blueprint, NuisanceColumns, Setting
-from tridentify.online.residual import Refined, gain_of, left_by, refined
+from tridentify.online.layout import Blueprint, NuisanceColumns, Setting, watch_of
+from tridentify.online.residual import Refined, gain_before, gain_of, left_by, refined
 from tridentify.online.search import DOUBTED, VAGUE, far_off, first_try, record_of, searching
 from tridentify.online.steps import estimate_of, solving
 from tridentify.record.record import Record
@@ -47,6 +57,8 @@ NO_MORE = 1.02
 where a model misses part of the response, the most likely one of whitened samples is another one
 than that of the samples themselves, changed or not, and leaves more of them (9 and 20 % of a
 circuit that stayed as it was)."""
+NO_DOUBT = 10.0  # of -2 log L: steps from two sides to one minimum differ by less than one
+CLEARLY_OLD = 10.0  # of -2 log L: with less the first samples may be of either plant
 RARE = 1e-5
 """Probability with which an unchanged plant is taken for another: changes are suspected often."""
 LARGER = 2.0  # than by the noise model, the covariance of few samples
@@ -68,10 +80,13 @@ class Look(NamedTuple):
         How to go on where the plant has changed.
     after : Old or None
         What the next look is to compare with.
+    begin : int
+        Samples since the alarm that are still of the old plant.
     """
 
     launch: Launch | None
     after: Old | None
+    begin: int = 0
 
 
 def trying(
@@ -111,6 +126,7 @@ def trying(
         Whether there was one, or the clock asked for a look.
     """
     nothing = Look(None, witness)
+    samples = _within_limits(setting, blueprint, x, samples)
     try:
         solution = yield from solving(setting, blueprint, x, poles, choose=False)
         yield
@@ -130,7 +146,13 @@ def trying(
     if found is None or not found.certain:
         return nothing
     record = record_of(setting, samples)
+    poles = found.poles
     new = yield from refined(setting, record, found.estimate.theta, found.estimate.std)
+    near = yield from _from_present(setting, record, estimate)
+    yield
+    if near is not None and (new is None or _is_likelier(setting, record, near, new)):
+        roots = np.roots(np.append(1.0, near.theta[: setting.n_poles]))
+        new, poles = near, sort_poles(roots.astype(np.complex128))
     if new is None or not is_determined(setting, new):
         return nothing
     yield
@@ -139,11 +161,32 @@ def trying(
     # what was missed so far is half believed by now: that leaves more, but not clearly
     if not changed or (witness is not None and gained(setting, record, present, new)[0] <= 0.0):
         return _learnt(setting, old, new, witness)
+    yield
+    begin = yield from still_old(setting, record, old, new)
     nuisance = NuisanceColumns.of(setting.structure, True)
     launch, _ = yield from launching(
-        method, setting, found.poles, nuisance, samples, found.noise_std, reference
+        method, setting, poles, nuisance, samples[begin:], found.noise_std, reference
     )
-    return Look(launch, Old(new.theta, LARGER * new.cov))
+    return Look(launch, Old(new.theta, LARGER * new.cov), begin)
+
+
+def _within_limits(setting: Setting, blueprint: Blueprint, x: Array, samples: Array) -> Array:
+    """The samples without outputs at a limit that was known of the sensor: they are no response."""
+    kept = samples
+    for i in range(setting.n_outputs):
+        w, column = watch_of(blueprint, i), 1 + setting.n_inputs + i
+        limits, y = int(x[w + slots.LIMITS]), samples[:, column]
+        highest, lowest = x[w + slots.HIGHEST], x[w + slots.LOWEST]
+        beyond = np.zeros(len(y), dtype=bool)
+        # what goes farther shows that there is no limit
+        if limits & 1 and not np.any(y > highest):
+            beyond |= y == highest
+        if limits & 2 and not np.any(y < lowest):
+            beyond |= y == lowest
+        if beyond.any():
+            kept = kept.copy() if kept is samples else kept
+            kept[beyond, column] = np.nan
+    return kept
 
 
 def _for_coloured_noise(setting: Setting, before: Array, estimate: Estimate) -> Slices[Old | None]:
@@ -161,6 +204,22 @@ def _worth_a_search(setting: Setting, record: Record, old: Old, near: Refined) -
     """Whether a few steps from the present coefficients show something that may be a change."""
     moved = is_determined(setting, near) and differ(old, near)
     return moved and gained(setting, record, old, near)[0] >= WORTH_A_SEARCH
+
+
+def _from_present(setting: Setting, record: Record, estimate: Estimate) -> Slices[Refined | None]:
+    try:
+        return (yield from refined(setting, record, estimate.theta, estimate.std))
+    except (TridentifyError, np.linalg.LinAlgError):
+        return None
+
+
+def _is_likelier(setting: Setting, record: Record, near: Refined, new: Refined) -> bool:
+    """Whether steps from the present coefficients lead to a better minimum than the search.
+
+    That is for white noise: of few samples with a slow disturbance it may end in another valley.
+    """
+    found = Old(new.theta, new.cov)
+    return is_determined(setting, near) and gained(setting, record, found, near)[0] > NO_DOUBT
 
 
 def _learnt(setting: Setting, old: Old, new: Refined | None, witness: Old | None) -> Look:
@@ -185,6 +244,33 @@ def explains_better(setting: Setting, record: Record, old: Old, new: Refined) ->
     gain, agreeing = _gained(before, after)
     leaves = np.sqrt(np.nanmean(after**2, axis=0) / np.nanmean(before**2, axis=0))
     return gain >= CLEAR_GAIN and agreeing >= AGREEING and bool(np.all(leaves <= NO_MORE))
+
+
+def still_old(setting: Setting, record: Record, old: Old, new: Refined) -> Slices[int]:
+    """Samples at the beginning of a record that are of the old plant.
+
+    An alarm that noise gave, and a look without one, may come before the change. The cut is where
+    the old coefficients before it and the new ones after it are the most likely.
+
+    Parameters
+    ----------
+    setting : Setting
+    record : Record
+    old : Old
+    new : Refined
+        At the minimum for this record.
+
+    Returns
+    -------
+    int
+        No more than leaves samples enough for a search; 0 unless the old coefficients are clearly
+        better before the cut.
+    """
+    gains = yield from gain_before(setting, record, old.theta, new.theta)
+    gains = gains[: max(len(gains) - first_try(setting), 0)]
+    if not gains.size or not gains.max() > CLEARLY_OLD:
+        return 0
+    return int(np.argmax(gains)) + 1
 
 
 def gained(setting: Setting, record: Record, old: Old, new: Refined) -> tuple[float, float]:

@@ -40,8 +40,9 @@ noise that comes and goes hides a change from the alarm, and the more so the lon
 *Standard errors* are those of the minimum (`likelihood.answer`). With forgetting, the weights
 ``w`` of the samples make them larger by the square root of ``sum w^2 / sum w``, and the noise is
 that of the samples remembered. Where the scores say that the noise is not white, their scatter
-takes the place of the formula (`online.scatter`). They are right for coefficients that stand still
-over the memory; for those that move, the lag comes on top.
+takes the place of the formula (`online.scatter`); as long as all samples are kept they are no
+smaller than what these say with a model of the noise (`online.second_look`). They are right for
+coefficients that stand still over the memory; for those that move, the lag comes on top.
 """
 
 from __future__ import annotations
@@ -314,7 +315,8 @@ class ThreeModel(launch.Planner):
         x, stage = state
         count = int(x[slots.COUNT])
         if found.launch is not None:
-            changed = stage.but(changes=(*stage.changes, int(x[slots.SUSPECT]) - 1))
+            at = int(x[slots.SUSPECT]) - 1 + found.begin
+            changed = stage.but(changes=(*stage.changes, at))
             if self.on_change == "restart":
                 state = launch.launched(self, State(x, changed), found.launch, rest)
             else:
@@ -380,11 +382,19 @@ class ThreeModel(launch.Planner):
                     choose=self.forgetting == 1.0, passes=1,
                 )  # fmt: skip
                 found = estimate_of(
-                    stage.setting, stage.blueprint, x, solution, self.name, stage.poles
-                )
+                    stage.setting, stage.blueprint, x, solution, self.name, stage.poles,
+                    self._again(state),
+                )  # fmt: skip
         except (TridentifyError, np.linalg.LinAlgError) as error:
             raise not_ready(count, "do not determine the coefficients") from error
         return with_findings(state, found)
+
+    def _again(self, state: State) -> Array | None:
+        """All samples of the model, if they are kept and count alike."""
+        since, kept = int(state.values[slots.SINCE]), kept_samples(state)
+        if since > len(kept) or since * (1.0 - self.forgetting) > 1.0:
+            return None
+        return kept[len(kept) - since :]
 
     def _found_already(self, state: State) -> State:
         """What the search under way comes to, if it is asked for before its time."""
