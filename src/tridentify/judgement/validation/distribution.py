@@ -138,7 +138,7 @@ def is_shock(far: Array, k: int, limit: float, noise: Array) -> bool:
     spikes = np.correlate(near, whole, "valid") ** 2 / float(whole @ whole)
     if not float(far[k]) ** 2 - spikes.max() > CLEARLY:
         return False
-    others = [j for j in np.flatnonzero(np.abs(near) > limit) if j != noise.size]
+    others = [j for j in np.flatnonzero(np.abs(near) > limit).tolist() if j != noise.size]
     return not others or _beside_spikes(near, others, whole) > CLEARLY
 
 
