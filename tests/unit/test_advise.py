@@ -280,3 +280,54 @@ def test_a_swing_after_one_step_is_no_delay(seed):
     found = advise(Record(u, y + 0.05 * y.std() * rng.standard_normal(500), dt=0.05))
     assert all(one.value < 0.3 for one in found.delays)
     assert not [one.code for one in found.findings if one.code in ("delay", "drift")]
+
+
+def autoregressive(seed, memory, n=500):
+    noise = np.random.default_rng([seed, 31]).standard_normal(n + 600)
+    return lfilter([np.sqrt(1.0 - memory**2)], [1.0, -memory], noise)[600:]
+
+
+@pytest.mark.parametrize("seed", [1, 4, 6])
+@pytest.mark.fast("1")
+def test_an_input_is_not_taken_to_act_on_what_wanders_by_itself(seed):
+    """Least squares follows coloured noise by many operators; its own past tells as much of it."""
+    u = held(seed, 500, 15)
+    assert codes(advise(Record(u, autoregressive(seed, 0.9), dt=DT)), notes=True) == ["no-response"]
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.fast("0")
+def test_a_late_or_a_weak_response_is_not_denied(seed):
+    u = held(seed, 500, 15)
+    late = TransferFunction([8.0], [1.0, 1.2, 16.0], delay=3.0)
+    y = simulate(late, Record(u, np.zeros(500), dt=DT))[:, 0]
+    y = y + 0.5 * y.std() * np.random.default_rng([seed, 32]).standard_normal(500)
+    assert "no-response" not in codes(advise(Record(u, y, dt=DT)))
+
+
+@pytest.mark.parametrize("seed", [5, 6, 7])
+@pytest.mark.fast("5")
+def test_a_strong_drift_is_no_noise_of_long_memory(seed):
+    u = held(seed, 500, 15)
+    plant = TransferFunction([8.0], [1.0, 1.2, 16.0])
+    y = simulate(plant, Record(u, np.zeros(500), dt=DT))[:, 0]
+    y = y + 0.05 * y.std() * np.random.default_rng([seed, 33]).standard_normal(500)
+    assert codes(advise(Record(u, y + 3.0 * y.std() * np.linspace(0.0, 1.0, 500), dt=DT))) == [
+        "drift"
+    ]
+
+
+@pytest.mark.slow
+def test_slow_disturbances_are_told_where_they_are():
+    plant = TransferFunction([8.0], [1.0, 1.2, 16.0])
+    told, wrong = 0, 0
+    for seed in range(12):
+        u = held(seed, 500, 15)
+        y = simulate(plant, Record(u, np.zeros(500), dt=DT))[:, 0]
+        noise = 0.05 * np.random.default_rng([seed, 34]).standard_normal(500)
+        for memory, size in ((0.99, 0.6), (0.9, 0.1)):
+            disturbed = y + y.std() * (noise + size * autoregressive(seed, memory))
+            drifts = "drift" in codes(advise(Record(u, disturbed, dt=DT)))
+            told, wrong = told + (drifts and size > 0.5), wrong + (drifts and size < 0.5)
+    assert told >= 7
+    assert wrong == 0

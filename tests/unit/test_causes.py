@@ -401,6 +401,36 @@ def test_two_random_walks_have_nothing_to_do_with_each_other(seed):
     assert estimate.findings[0].code == "no-response", [f.code for f in estimate.findings]
 
 
+@pytest.mark.parametrize("seed", [10, 13, 24])
+@pytest.mark.fast("10")
+def test_a_walk_that_follows_another_closely_does_not_respond_to_it(seed):
+    """Seen: fit 60 to 70 % with coefficients of 3 to 7 stated errors, and no word."""
+    rng = np.random.default_rng([seed, 91])
+    u, y = (np.cumsum(rng.standard_normal(300)) for _ in range(2))
+    estimate = identify(Record(u, y, dt=DT), Structure(1, 0))
+    assert [f.code for f in estimate.findings if f.matters] == ["no-response"]
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.fast("0")
+def test_a_ramp_through_a_gain_tells_no_time_constant(seed):
+    """Seen: a time constant of one sample, four stated errors away from none, and no word."""
+    u = np.linspace(0.0, 1.0, 300)
+    noise = 0.02 * np.random.default_rng([seed, 602]).standard_normal(300)
+    estimate = identify(Record(u, 2.0 * u + noise, dt=DT, intersample="foh"), Structure(1, 0))
+    assert any("A gain alone" in f.message for f in estimate.findings if f.matters)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.fast("0")
+def test_a_lag_of_one_sample_that_the_record_shows_is_told(seed):
+    u = held(seed, 400)
+    y = response(u, TransferFunction([20.0], [1.0, 20.0]))
+    y = y + 0.2 * np.random.default_rng([seed, 603]).standard_normal(400)
+    estimate = identify(Record(u, y, dt=DT), Structure(1, 0))
+    assert not [f.code for f in estimate.findings if f.matters]
+
+
 @pytest.mark.slow
 def test_a_response_that_a_random_walk_hides_is_still_one():
     rng = np.random.default_rng(5)

@@ -128,3 +128,20 @@ def test_a_wrong_sample_or_what_comes_back_at_once_does_not_set_in(shape):
     found = far_off(shape)
     assert len(found.outliers)
     assert not len(found.shocks)
+
+
+@pytest.mark.parametrize("seed", [300, 304, 308])
+@pytest.mark.fast("304")
+def test_wrong_samples_near_one_another_set_nothing_in(seed):
+    """Seen: beside the right bad samples, "a disturbance sets in: no sample is wrong"."""
+    rng = np.random.default_rng([seed, 61])
+    u = np.repeat(rng.choice([-1.0, 1.0], 51), 12)[:600]
+    y = simulate(TransferFunction([8.0], [1.0, 1.2, 16.0]), Record(u, u, dt=DT))[:, 0]
+    size = 0.15 * np.sqrt(1.0 - 0.81) * np.std(y)
+    y = y + size * lfilter([1.0], [1.0, -0.9], np.r_[0.0, rng.standard_normal(800)[1:]])[200:]
+    rows = rng.choice(600, 8, replace=False)
+    y[rows] += 18.0 * size * rng.choice([-1.0, 1.0], 8)
+    found = identify(Record(u, y, dt=DT), Structure(2, 0)).findings
+    codes = [one.code for one in found if one.matters]
+    assert codes[0] == "bad-samples"
+    assert "drift" not in codes

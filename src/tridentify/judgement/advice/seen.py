@@ -1,10 +1,10 @@
-"""What the parallel model shows of a record: delays, feedback, drift, the input between samples.
+"""What the parallel model shows of a record: delays, feedback, the input between samples.
 
 Each is a comparison of two linear fits on the same whitened samples. A *delay* is where `-2 log L`
 is lowest over delayed inputs, the operators' pole free again at each; its range is where it is less
 than 4 higher (95 %). *Feedback* is a share of the innovations that only later inputs explain: where
 the input does not react to the output there is none (Sims 1972). The input between its samples is
-compared by `-2 log L`, as is a *drift*.
+compared by `-2 log L`.
 
 Reference: C. Sims, American Economic Review 62 (1972) 540-552.
 """
@@ -202,12 +202,6 @@ def feedback_seen(parallel: Parallel, fit: WhitenedFit) -> float:
     if 1.0 - small.rss / max(fit.rss, 1e-300) > MISSED:
         return 1.0
     return p_value(small, parallel.fits(fit.pole, (fit.order,), both)[0])
-
-
-def drift_seen(parallel: Parallel, fit: WhitenedFit) -> float:
-    """Fall of the criterion that a straight drift brings."""
-    ramped = parallel.changed(drift=True)
-    return fit.criterion - ramped.fits(fit.pole, (fit.order,))[0].criterion
 
 
 def behaviours_seen(parallel: Parallel, fit: WhitenedFit) -> dict[Behaviour, float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +15,17 @@ from tridentify.judgement.advice.frequency import (
     check_surveyed,
     frequency_response,
 )
+from tridentify.judgement.advice.outputs import (
+    NO_RESPONSE,
+    Output,
+    glance,
+    looked_into,
+)
 from tridentify.judgement.advice.result import Advice
 from tridentify.judgement.advice.samples import (
     bad_samples,
     gaps,
     hung,
-    is_slow,
     lost_rows,
     single_tone,
 )
@@ -28,13 +33,11 @@ from tridentify.judgement.advice.seen import (
     DelaySeen,
     behaviours_seen,
     delay_seen,
-    drift_seen,
     feedback_seen,
 )
-from tridentify.judgement.causes.direct_part import has_direct_part
+from tridentify.judgement.advice.slow import drift_seen, wanders
 from tridentify.judgement.causes.first_samples import beginning
 from tridentify.judgement.causes.intersample import CLEARLY, IN_WORDS, TIE, clear_fall, is_staircase
-from tridentify.judgement.causes.parallel import Parallel, WhitenedFit, p_value, with_noise_model
 from tridentify.judgement.causes.wild_beginning import without_wild_beginning
 from tridentify.judgement.cautions.sensors import seen_in
 from tridentify.judgement.cautions.tones import tone_finding
@@ -55,9 +58,6 @@ LONGEST_SPECTRUM = 20_000
 
 FEWEST_SEEN = 40
 """Samples of an output that are needed to say anything."""
-
-NO_RESPONSE = 1e-3
-"""Chance that noise alone explains a response so well, above which there is none."""
 
 FEEDBACK = 1e-8
 """Chance for feedback: small, as no noise is quite Gaussian and no response quite linear."""
@@ -87,30 +87,12 @@ BY_REFERENCE = (
 )
 """What to do about a controller, by whether what it was told was recorded."""
 
-SLOWLY = 0.05
-"""Standard deviation of a slow disturbance, in that of the output, from which it is told."""
-
 WEAKEST = 0.1
 """Hankel singular values, in the largest, that count: what a real system has beside its linear
 response rises above the noise too."""
 
 COPIES = 8
 """Operators whose Hankel singular values are looked at."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Output:
-    """One output as the parallel model sees it."""
-
-    index: int
-    parallel: Parallel
-    fit: WhitenedFit
-    responds: tuple[float, ...]
-
-    @property
-    def any(self) -> bool:
-        """Whether it responds to any input."""
-        return min(self.responds) < NO_RESPONSE
 
 
 def advise(records: Record | Sequence[Record]) -> Advice:
@@ -164,15 +146,15 @@ def advise(records: Record | Sequence[Record]) -> Advice:
     given, wild = without_wild_beginning(given)
     frequency, parts = _measured(given), [beginning(record, LONGEST) for record in given]
     still = not any(np.ptp(record.u, axis=0).any() for record in parts)
-    outputs = [_output(parts, i, frequency) for i in range(first.n_outputs)]
+    outputs = [glance(parts, i, frequency) for i in range(first.n_outputs)]
     found = _of_samples(given, parts, outputs)
     if any(finding.code in SPOILT for finding in found):
         left = [_without(part, e, found) for e, part in enumerate(parts)]
-        outputs = [_output(left, i, frequency) for i in range(first.n_outputs)]
+        outputs = [glance(left, i, frequency) for i in range(first.n_outputs)]
         # a fit without them does not blame their neighbours
         found = _of_samples(given, parts, outputs)
         parts = [_without(part, e, found) for e, part in enumerate(parts)]
-        outputs = [_output(parts, i, frequency) for i in range(first.n_outputs)]
+    outputs = [looked_into(parts, i, frequency) for i in range(first.n_outputs)]
     responding = [] if still else [output for output in outputs if output.any]
     delays = tuple(
         delay_seen(output.parallel, output.fit, j)
@@ -213,35 +195,8 @@ def _measured(records: Sequence[Record]) -> FrequencyResponse | None:
         return None
 
 
-def _output(records: Sequence[Record], index: int, frequency: FrequencyResponse | None) -> _Output:
-    """Fit one output, and test its response to every input beside the others."""
-    at_once = has_direct_part(records)
-    parallel = Parallel.of(records, index, _resonance(frequency, index), direct=at_once)
-    parallel, fit = with_noise_model(parallel)
-    n_inputs = records[0].n_inputs
-    if n_inputs == 1:
-        return _Output(index, parallel, fit, (p_value(parallel.without_inputs(), fit),))
-    chances = []
-    for j in range(n_inputs):
-        others = [name for k, name in enumerate(records[0].input_names) if k != j]
-        fewer = tuple(record.select(inputs=others) for record in parallel.records)
-        left = parallel.changed(records=fewer, delays=(0.0,) * (n_inputs - 1))
-        chances.append(p_value(left.fits(fit.pole, (fit.order,))[0], fit))
-    return _Output(index, parallel, fit, tuple(chances))
-
-
-def _resonance(frequency: FrequencyResponse | None, output: int) -> float:
-    """Where the measured response is largest [rad/s]."""
-    if frequency is None:
-        return 0.0
-    size = np.where(frequency.good[:, output], np.abs(frequency.response[:, output]), 0.0)
-    highest = size.max(axis=1)
-    k = int(np.argmax(highest))
-    return float(frequency.omega[k]) if highest[k] > 0 else 0.0
-
-
 def _between(
-    records: Sequence[Record], outputs: Sequence[_Output]
+    records: Sequence[Record], outputs: Sequence[Output]
 ) -> tuple[dict[Behaviour, float], Behaviour]:
     """All behaviours of the inputs over all outputs, and the best."""
     present = records[0].behaviour
@@ -262,7 +217,7 @@ def _between(
 
 
 def _of_samples(
-    whole: Sequence[Record], parts: Sequence[Record], outputs: Sequence[_Output]
+    whole: Sequence[Record], parts: Sequence[Record], outputs: Sequence[Output]
 ) -> list[Finding]:
     found: list[Finding] = []
     names = parts[0].output_names
@@ -330,7 +285,7 @@ def _of_input(records: Sequence[Record]) -> list[Finding]:
     return found
 
 
-def _of_response(record: Record, outputs: Sequence[_Output]) -> list[Finding]:
+def _of_response(record: Record, outputs: Sequence[Output]) -> list[Finding]:
     found = []
     for output in outputs:
         name = record.output_names[output.index]
@@ -381,7 +336,7 @@ def _of_behaviour(
     ]
 
 
-def _delayed(output: _Output, delays: Sequence[DelaySeen], record: Record) -> _Output:
+def _delayed(output: Output, delays: Sequence[DelaySeen], record: Record) -> Output:
     """With the delays that were seen, so that nothing else is taken for them."""
     own = {
         seen.input: seen.value
@@ -415,7 +370,7 @@ def _of_delay(seen: DelaySeen) -> Finding:
     )
 
 
-def _of_noise(record: Record, output: _Output) -> list[Finding]:
+def _of_noise(record: Record, output: Output) -> list[Finding]:
     """Feedback and drift."""
     name, found = record.output_names[output.index], []
     chance = feedback_seen(output.parallel, output.fit)
@@ -432,10 +387,11 @@ def _of_noise(record: Record, output: _Output) -> list[Finding]:
                 (name,),
             )
         )
-    fall = drift_seen(output.parallel, output.fit)
+        return found  # what comes back through a loop is slow as well
+    fall = drift_seen(output)
     # an autoregression stands on even time alone
     noise_model = "Use a noise model (noise='ar')" if record.dt else "Resample to even time"
-    if fall <= DRIFTS and _wanders(output):
+    if fall <= DRIFTS and wanders(output):
         found.append(
             Finding(
                 "drift",
@@ -461,20 +417,8 @@ def _of_noise(record: Record, output: _Output) -> list[Finding]:
     return found
 
 
-def _wanders(output: _Output) -> bool:
-    """Whether a slow disturbance of some size is left of every record."""
-    records = output.parallel.records
-    white = output.parallel.changed(noise=np.zeros(0), resonance=0.0).best()
-    for record, fitted in zip(records, white.fitted, strict=True):
-        y = record.y[:, output.index]
-        left = y - fitted
-        if np.nanstd(left) < SLOWLY * np.nanstd(y) or not is_slow(record, left):
-            return False
-    return True
-
-
 def _poles(
-    records: Sequence[Record], outputs: Sequence[_Output], delays: Sequence[DelaySeen]
+    records: Sequence[Record], outputs: Sequence[Output], delays: Sequence[DelaySeen]
 ) -> int | None:
     """How many Hankel singular values of the outputs that respond rise above the noise."""
     if not outputs:

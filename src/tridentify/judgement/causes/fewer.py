@@ -94,13 +94,17 @@ def order_findings(estimate: Estimate, records: Sequence[Record]) -> list[Findin
     if not (isinstance(order, int) and open_ and estimate.status.ok):
         return [NO_RESPONSE] if _gains_nothing(estimate, records) else []
     vague = bool(unsure(estimate))
-    if not (vague or order >= MANY):
+    # what wanders follows any input that does, and the errors say that it follows it closely
+    doubtful = vague or _follows_by_chance(records, order)
+    if not (doubtful or order >= MANY):
         return []
     fitted = _fitted(estimate, records)
     if fitted is None:
         return []
-    if vague and _is_noise(fitted):
+    if doubtful and _is_noise(fitted):
         return [NO_RESPONSE]
+    if not (vague or order >= MANY):
+        return []
     found = _smallest(fitted, order)
     return [] if found is None else [_too_high(estimate, order, fitted.end, *found)]
 
@@ -136,6 +140,24 @@ def foretold(records: Sequence[Record], n_poles: int) -> bool | None:
     )
 
 
+def _follows_by_chance(records: Sequence[Record], order: int) -> bool:
+    """Whether an output wanders, and the inputs foretell nothing of any."""
+    if any(record.dt is None for record in records):
+        return False
+    short = [beginning(record, LONGEST) for record in records]
+    levelled = [record.y - np.nanmean(record.y, axis=0) for record in short]
+    wandering = any(_wanders(_noise_of(levelled, i), short) for i in range(records[0].n_outputs))
+    return wandering and foretold(records, order) is False
+
+
+def _wanders(noise: Array, records: Sequence[Record]) -> bool:
+    """Whether what forgets as this does shows few of its memories in any record."""
+    if not noise.size:
+        return False
+    slowest = float(np.max(np.abs(np.roots(np.append(1.0, noise)))))
+    return (1.0 - slowest) * max(record.n_samples for record in records) < WANDERS
+
+
 def _gains_nothing(estimate: Estimate, records: Sequence[Record]) -> bool:
     """Whether no gain is known and the inputs foretell nothing: of structures with constraints.
 
@@ -162,18 +184,17 @@ def _is_noise(fitted: _Fitted) -> bool:
         )
     ]
     levelled = [y - np.nanmean(y, axis=0) for y in outputs]
-    alone, unknowns, slowest = 0.0, 0, 0.0
+    alone, unknowns, wandering = 0.0, 0, False
     for i in range(present.n_outputs):
         a = _noise_of(levelled, i)
         if not a.size:
             return False
         alone += deviance([np.ascontiguousarray(one[:, i]) for one in levelled], a)
         unknowns += a.size + len(levelled) + 1
-        slowest = max(slowest, float(np.max(np.abs(np.roots(np.append(1.0, a))))))
+        wandering = wandering or _wanders(a, present.records)
     pairs = (present.poles.size + 1) // 2
     price = 2.0 * (end.unknowns - unknowns) + 2.0 * pairs * float(np.log(end.count))
-    longest = max(record.n_samples for record in present.records)
-    price *= WANDERING if (1.0 - slowest) * longest < WANDERS else 1.0
+    price *= WANDERING if wandering else 1.0
     if alone - end.deviance >= price:
         return False
     inputs = [record.u for record in present.records]

@@ -43,6 +43,9 @@ STATES = 4
 """Impulse responses for the state at the beginning: slower ones than the operators have go into
 offset and drift."""
 
+MOST_NOISE = 20
+"""Coefficients of the noise, at most."""
+
 PARALLEL_CUTOFF = 1e-9
 """Column, beside those before it, that counts as nothing."""
 
@@ -331,24 +334,33 @@ def with_noise_model(parallel: Parallel) -> tuple[Parallel, WhitenedFit]:
     Parameters
     ----------
     parallel : Parallel
-        The noise taken for white.
+        With the noise to begin with: none takes it for white.
 
     Returns
     -------
     Parallel
     WhitenedFit
     """
-    first = parallel.best()
+    fitted = parallel.best().fitted
+    pairs = zip(parallel.records, fitted, strict=True)
+    left = [record.y[:, parallel.output] - one for record, one in pairs]
+    coloured = parallel.changed(noise=residual_noise(parallel, left))
+    return coloured, coloured.best()
+
+
+def residual_noise(parallel: Parallel, left: Sequence[Array]) -> Array:
+    """Autoregressive coefficients of what is left of the output.
+
+    Parameters
+    ----------
+    parallel : Parallel
+    left : sequence of (n_samples,) arrays
+        One a record; ``nan`` where it is missing.
+    """
     series = [
-        np.where(
-            record.t - record.t[0] >= parallel.left,
-            record.y[:, parallel.output] - fitted,
-            np.nan,
-        )
-        for record, fitted in zip(parallel.records, first.fitted, strict=True)
+        np.where(record.t - record.t[0] >= parallel.left, one, np.nan)
+        for record, one in zip(parallel.records, left, strict=True)
     ]
     seen = [one[np.flatnonzero(np.isfinite(one))[0] :] for one in series]
-    most = min(most_coefficients(first.count), 20)
-    noise = fit_autoregression(seen, most)
-    coloured = parallel.changed(noise=noise)
-    return coloured, coloured.best()
+    count = sum(int(np.isfinite(one).sum()) for one in seen)
+    return fit_autoregression(seen, min(most_coefficients(count), MOST_NOISE))

@@ -12,6 +12,7 @@ import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import SEVERITIES, Finding, joined, same_thing
+from tridentify.judgement.causes.at_once import gain_findings
 from tridentify.judgement.causes.fewer import order_findings
 from tridentify.judgement.causes.first_samples import Predictions
 from tridentify.judgement.causes.intersample import Behaviours, intersample_findings
@@ -68,6 +69,7 @@ def judged(
     found = [*estimate.findings, *coefficient_findings(estimate, records)]
     if not any(one.code == "no-response" for one in found):
         found += [*order_findings(estimate, records), *level_findings(estimate, records)]
+        found += gain_findings(estimate, records, known)
     seen = [*outlier_findings(estimate, records, known)]
     found += response_as_noise(estimate)
     found += [] if between is None else intersample_findings(estimate, between)

@@ -115,7 +115,7 @@ def slow_findings(
         model = estimate.noise_model[i]
         if not (model.size and slow[i] > MOSTLY_SLOW * whole[i]):
             continue
-        if max(record.n_samples for record in records) > MEMORIES * _memory(model):
+        if max(record.n_samples for record in records) > MEMORIES * memory(model):
             continue
         found.append(
             Finding(
@@ -132,8 +132,21 @@ def slow_findings(
     return found
 
 
-def _memory(a: Array) -> float:
-    """Samples in which an autoregression forgets all but ``1/e``."""
+def memory(a: Array) -> float:
+    """Samples in which an autoregression forgets all but ``1/e``.
+
+    Parameters
+    ----------
+    a : (p,) array
+        Its coefficients.
+
+    Examples
+    --------
+    >>> round(memory(np.array([-0.9])), 1), memory(np.zeros(0))
+    (9.5, 0.0)
+    """
+    if not a.size:
+        return 0.0
     largest = float(np.max(np.abs(np.roots(np.append(1.0, a)))))
     return -1.0 / math.log(largest) if 0.0 < largest < 1.0 else (0.0 if largest == 0.0 else np.inf)
 

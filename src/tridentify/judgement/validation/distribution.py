@@ -136,7 +136,22 @@ def is_shock(far: Array, k: int, limit: float, noise: Array) -> bool:
     whole = np.append(1.0, noise)
     near = far[k - noise.size : k + noise.size + 1]
     spikes = np.correlate(near, whole, "valid") ** 2 / float(whole @ whole)
-    return bool(float(far[k]) ** 2 - spikes.max() > CLEARLY)
+    if not float(far[k]) ** 2 - spikes.max() > CLEARLY:
+        return False
+    others = [j for j in np.flatnonzero(np.abs(near) > limit).tolist() if j != noise.size]
+    return not others or _beside_spikes(near, others, whole) > CLEARLY
+
+
+def _beside_spikes(near: Array, others: Sequence[int], whole: Array) -> float:
+    """Fall of -2 log L from a wrong sample in the middle to a shock, wrong samples near it."""
+    middle = near.size // 2
+    spikes = [np.convolve(np.eye(near.size)[j], whole)[: near.size] for j in (middle, *others)]
+    shock = np.eye(near.size)[middle]
+    left = []
+    for first in (spikes[0], shock):
+        table = np.column_stack([first, *spikes[1:]])
+        left.append(float(np.sum((near - table @ np.linalg.lstsq(table, near)[0]) ** 2)))
+    return left[0] - left[1]
 
 
 def _shape(values: Array) -> tuple[float, float]:
