@@ -43,6 +43,8 @@ recorded: continuous controllers leave 3e-4 to 0.1 (random loops)."""
 SHARPER = 3.0
 """Times what more lags leave, that is left of a rule which is not the whole: rounding is reduced by
 less, and what a part of a rule leaves by a hundred and more (random loops)."""
+FLOATS = 1e-11
+"""Share of the moving input below which what is left is the rounding of the sums."""
 COARSE = 3e-3
 """Rounding of the rule over what the input moves beyond its own past and the references, from which
 the rule may be hidden: continuous controllers leave 1e-2 of that at least (random loops)."""
@@ -212,7 +214,7 @@ def _holds(
         left = np.abs(target - whole @ (solved / scale))
         # rounding is uniform over a step and independent from signal to signal
         rounding = float(np.sqrt((step**2 + (solved / scale)[1:] ** 2 @ steps**2) / 12.0))
-        usual = max(float(np.median(left)), rounding)
+        usual = max(float(np.median(left)), rounding, FLOATS * size)
         if np.mean(left <= EXACT * size + WITHIN * rounding) > MAJORITY:
             return True if rounding < COARSE * beyond else None, usual
         weights = 1.0 / np.sqrt(np.maximum(left, 1e-3 * EXACT * size))
