@@ -46,7 +46,7 @@ from tridentify.record.checks.samples import Intersample
 from tridentify.record.checks.times import TIME_TOLERANCE, sample_range, time_axis, uniform_step
 from tridentify.record.formats.channels import CALLER, SECONDS, Channel, OpenFile, seconds_of
 from tridentify.record.formats.rounded_time import raster_behind
-from tridentify.record.formats.serial_days import about_days, serial_unit
+from tridentify.record.formats.serial_days import DAY, about_days, serial_unit
 from tridentify.record.formats.time_names import (
     LONGER_NAMES,
     TIME_NAMES,
@@ -369,7 +369,8 @@ def _seconds(source: OpenFile, clock: Channel, time: Array, units: Mapping[str, 
         unit = serial_unit(time)
         if said := about_days(time, unit, clock.header, source.path.name):
             warnings.warn(said, DataWarning, stacklevel=CALLER)
-        time = time - time[0] if unit else time
+    if SECONDS.get(unit) == DAY:
+        time = time - time[0]  # as seconds they would lose digits
     if unit in ("s", "sec") and epoch_unit(time):
         raise UnitError(
             f"found {time[0]:.6g} s in the time column {shown(clock.header)}; expected less than "

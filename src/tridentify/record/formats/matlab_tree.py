@@ -136,16 +136,18 @@ def _walk(found: _Found, path: str, node: Node, depth: int) -> None:
 
 def _share_time(found: _Found, path: str, node: dict[str, Node], first: int) -> None:
     """Let a field that is time by its name be the clock of the fields beside it, if as long."""
-    names = [name for name, value in node.items() if isinstance(value, Numbers)]
-    places = [k for k in named_time(names) if names[k] != "T"]
+    numbers = [name for name, value in node.items() if isinstance(value, Numbers)]
+    names = [name for name in numbers if name != "T"]  # a temperature
+    places = named_time(names)
     channels = {one.header: one for one in found.channels[first:]}
     times = [channels[f"{path}.{names[k]}"] for k in places if f"{path}.{names[k]}" in channels]
     if len(times) != 1:
         return
-    numbers = node[times[0].header.rpartition(".")[2]]
-    if not isinstance(numbers, Numbers):
+    name = times[0].header.rpartition(".")[2]
+    instants = node[name]
+    if not isinstance(instants, Numbers):
         return
-    found.clocks[path] = _scaled(found, path, numbers, unit_of_clock(times[0].name.split(".")[-1]))
+    found.clocks[path] = _scaled(found, path, instants, unit_of_clock(name))
     beside = re.compile(rf"{re.escape(path)}\.\w+(\(\d+\))?")
     for k, one in enumerate(found.channels[first:], first):
         if not one.clock and one.samples == times[0].samples and beside.fullmatch(one.header):

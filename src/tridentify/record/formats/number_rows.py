@@ -89,7 +89,7 @@ def _followed(lines: Sequence[str], place: int) -> bool:
     header, *rows = (cells_of(line, separator) for line in lines[place:])
     rows = rows[1:] if rows and any(unit_cells(rows[0], len(header))) else rows
     if all(len(row) == len(header) and any(is_value(c) for c in row if c) for row in rows):
-        return _agree(rows) or len(rows) < AGREEING
+        return len(rows) < AGREEING or _agree(rows)
     first = next(iter(_runs(rows)), None)
     if first is None or first.start:
         return False

@@ -20,12 +20,12 @@ SERIALS = ((20_000.0, 80_000.0), (700_000.0, 800_000.0))
 
 DAY = 86400.0
 
-STEPS = (1e-10, 1e-2)
-"""Mean steps [d] of a record: 10 us to a quarter of an hour."""
+STEPS = (1e-10, 5e-2)
+"""Mean steps [d] of a record: 10 us to an hour."""
 
 SUSPECT = 1e-4
 """Mean step below which such numbers are not taken for seconds without a word. Above it, which as
-seconds are records of up to 10 kHz, only steps of whole multiples of 5 s are taken for days."""
+seconds are records of up to 10 kHz, only steps that divide an hour are taken for days."""
 
 COARSE = 1e-3
 """Share of a step by which even days are uneven at most, beside their rounding."""
@@ -59,13 +59,10 @@ def serial_unit(time: Array) -> str:
     unit = 2.0 * _resolution(time)
     tolerance = max(EXACT, unit / span)
     uneven = float(np.max(np.abs(np.diff(time) - step)))
-    if tolerance > COARSE or uneven > 2.0 * unit + COARSE * step or _is_chosen(step, tolerance):
+    if tolerance > COARSE or uneven > 2.0 * unit + COARSE * step:
         return ""
-    seconds = step * DAY
-    if step >= SUSPECT:
-        whole = 5.0 * round(seconds / 5.0)
-        return "d" if abs(whole - seconds) <= tolerance * seconds else ""
-    return "d" if _is_chosen(seconds, tolerance) else ""
+    seconds = not _is_chosen(step, tolerance) and not _is_rate(1.0 / step, tolerance)
+    return "d" if seconds and _is_chosen_in_days(step, tolerance) else ""
 
 
 def about_days(time: Array, unit: str, header: str, file: str) -> str:
@@ -93,7 +90,9 @@ def about_days(time: Array, unit: str, header: str, file: str) -> str:
             if step
             else ""
         )
-    if step is None or step >= SUSPECT or _is_chosen(step, EXACT):
+    if step is None or _is_chosen(step, EXACT):
+        return ""
+    if step >= SUSPECT and not _is_chosen_in_days(step, EXACT):
         return ""
     return (
         f"{where}, with steps of {step:.3g} on the mean; taken for seconds, and days as workbooks "
@@ -112,7 +111,7 @@ def clock_seconds(channel: Channel, values: Array) -> Array | None:
     """
     if channel.unit not in SECONDS:
         return None
-    if not channel.unit and serial_unit(values):
+    if SECONDS[channel.unit] == DAY or (not channel.unit and serial_unit(values)):
         return np.asarray((values - values[0]) * DAY)
     unit = channel.unit or unit_in_name(channel.name) or epoch_unit(values)
     return np.asarray(values * SECONDS[unit])
@@ -135,6 +134,20 @@ def _resolution(time: Array) -> float:
 
 
 def _is_chosen(step: float, tolerance: float) -> bool:
-    """Whether a step is a number of few digits, or one of its rate."""
-    near = [float(f"{step:.{NICE}g}"), 1.0 / float(f"{1.0 / step:.{NICE}g}")]
-    return any(abs(one - step) <= tolerance * step for one in near)
+    """Whether a step is a number of few digits."""
+    return abs(float(f"{step:.{NICE}g}") - step) <= tolerance * step
+
+
+def _is_chosen_in_days(step: float, tolerance: float) -> bool:
+    """Whether somebody may have chosen a step [d] in seconds, or by its rate."""
+    seconds = step * DAY
+    if step >= SUSPECT:
+        in_an_hour = 3600.0 / seconds
+        return abs(round(in_an_hour) - in_an_hour) <= tolerance * in_an_hour
+    return _is_chosen(seconds, tolerance) or _is_chosen(1.0 / seconds, tolerance)
+
+
+def _is_rate(rate: float, tolerance: float) -> bool:
+    """Whether a rate is a number of two digits or a power of two."""
+    near = (float(f"{rate:.2g}"), 2.0 ** round(np.log2(rate)))
+    return any(abs(one - rate) <= tolerance * rate for one in near)

@@ -114,11 +114,12 @@ def _roles(source: OpenFile, read: Mapping[int, Array | None]) -> dict[int, str]
     free = {
         k: values
         for k, values in sorted(read.items())
-        if values is not None and source.channels[k] not in clocks
+        if values is not None and source.channels[k] not in clocks and source.channels[k].header
     }
+    unnamed = {k: "unused" for k in read if not source.channels[k].header}
     guessed = guess_roles([source.channels[k].name for k in free], list(free.values()))
     times = {k: "time" for k in read if source.channels[k] in clocks}
-    return times | dict(zip(free, map(str, guessed), strict=True))
+    return unnamed | times | dict(zip(free, map(str, guessed), strict=True))
 
 
 def read_numbers(source: OpenFile, patience: float = PATIENCE) -> dict[int, Array]:

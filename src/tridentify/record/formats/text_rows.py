@@ -158,7 +158,10 @@ def read_exactly(
             lines.append(line)
             if len(lines) % _LOOK == 0:
                 check_size(8 * len(lines) * (len(columns) + 1), table.path)
-        elif _may_be_left_out(problem, cells, len(waiting), go_on):
+        elif go_on and isinstance(problem, RaggedRowError) and not is_text(cells):
+            among += [*(error for error, *_ in waiting), problem]
+            waiting.clear()
+        elif is_text(cells) and (go_on or len(waiting) < MOST_BELOW):
             waiting.append((problem, line, table.separator.join(cells).strip()))
         else:
             raise waiting[0][0] if waiting else problem
@@ -176,13 +179,6 @@ def read_exactly(
         if isinstance(store, Instants) and store.choice
     )
     return values, lines, Passed(below, tuple(among), words, said)
-
-
-def _may_be_left_out(problem: DataError, cells: Sequence[str], waiting: int, go_on: bool) -> bool:
-    """Whether a line that is no row may stand below the table, or be passed over where it is."""
-    if go_on:
-        return isinstance(problem, RaggedRowError) or is_text(cells)
-    return waiting < MOST_BELOW and is_text(cells)
 
 
 def _take(

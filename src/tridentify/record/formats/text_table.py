@@ -34,7 +34,13 @@ from tridentify.errors import (
 )
 from tridentify.numerics.arrays import Array
 from tridentify.record.formats import text_opening
-from tridentify.record.formats.cells import all_numbers, is_missing, is_value, unit_cells
+from tridentify.record.formats.cells import (
+    all_numbers,
+    has_groups,
+    is_missing,
+    is_value,
+    unit_cells,
+)
 from tridentify.record.formats.dates import read_moment
 from tridentify.record.formats.isolation import check_size
 from tridentify.record.formats.number_rows import labelled_units
@@ -159,7 +165,7 @@ def open_table(path: str | os.PathLike[str]) -> TextTable:
     return TextTable(
         file, encoding, opening.separator, names, units, first_line, line, opening.titles,
         tuple(read_moment(cell) is not None for cell in first),
-        tuple(bool(cell) and not is_value(cell) for cell in first),
+        tuple(bool(cell) and not is_value(cell) and not has_groups(cell) for cell in first),
     )  # fmt: skip
 
 
