@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO
+from typing import TextIO
 
 from tridentify.errors import (
     DataError,
@@ -33,10 +33,8 @@ from tridentify.record.formats.cells import (
 )
 from tridentify.record.formats.dates import Instants
 from tridentify.record.formats.isolation import check_size
+from tridentify.record.formats.text_opening import TextTable
 from tridentify.record.formats.title_lines import dialect
-
-if TYPE_CHECKING:
-    from tridentify.record.formats.text_table import TextTable
 
 MOST_TEXT_COLUMNS = 1_000_000
 """Columns beyond which a header is taken for damage: their names alone would take a gigabyte."""

@@ -22,7 +22,6 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
 
@@ -44,6 +43,7 @@ from tridentify.record.formats.cells import (
 from tridentify.record.formats.dates import read_moment
 from tridentify.record.formats.isolation import check_size
 from tridentify.record.formats.number_rows import labelled_units
+from tridentify.record.formats.text_opening import TextTable
 from tridentify.record.formats.text_rows import (
     DecimalCommaFound,
     Passed,
@@ -51,54 +51,6 @@ from tridentify.record.formats.text_rows import (
     text_rows,
 )
 from tridentify.record.formats.title_lines import LOOKED_AT
-
-REMARKS = ("comment", "comments", "remark", "remarks")
-"""Names of a last column that loggers fill in few rows."""
-
-
-@dataclass(frozen=True)
-class TextTable:
-    """A delimited text file whose header has been read.
-
-    Attributes
-    ----------
-    path : Path
-        The file.
-    encoding : str
-        Of its text.
-    separator : str
-        What stands between two cells.
-    names : tuple of str
-        The cells of the header, without surrounding blanks.
-    units : tuple of str
-        The cells of the line of units; blank without one.
-    first_line : int
-        Number of the first line that is no comment, or of the header in a comment.
-    header_lines : int
-        Number of the line that the header, or the line of units, ends on.
-    titles : tuple of str
-        Lines above the header that are no comments.
-    dated : tuple of bool
-        Which columns hold dates or times, to judge by the first row that says so.
-    textual : tuple of bool
-        Which hold texts, likewise.
-    """
-
-    path: Path
-    encoding: str
-    separator: str
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    first_line: int
-    header_lines: int
-    titles: tuple[str, ...] = ()
-    dated: tuple[bool, ...] = ()
-    textual: tuple[bool, ...] = ()
-
-    @property
-    def width(self) -> int:
-        """Cells that a row has at least: that of a remark, the last one, may be left out."""
-        return len(self.names) - (len(self.names) > 1 and self.names[-1].casefold() in REMARKS)
 
 
 def open_table(path: str | os.PathLike[str]) -> TextTable:
