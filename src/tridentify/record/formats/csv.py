@@ -15,8 +15,9 @@ from pathlib import Path
 from tridentify.errors import DataWarning, shown
 from tridentify.numerics.arrays import Array
 from tridentify.record.formats.channels import CALLER, Channel, SampledFile, header_channel
+from tridentify.record.formats.text_opening import TextTable
 from tridentify.record.formats.text_rows import Passed
-from tridentify.record.formats.text_table import TextTable, open_table, read_columns
+from tridentify.record.formats.text_table import open_table, read_columns
 
 
 class TextFile(SampledFile):
