@@ -78,7 +78,7 @@ def about_days(time: Array, unit: str, header: str, file: str) -> str:
     Examples
     --------
     >>> t = 46000.0 + 0.05 * np.arange(200) / 86400.0
-    >>> about_days(t, "d", "Time", "run.csv")[:78]
+    >>> about_days(t, "d", "Time", "run.csv")[:77]
     "found 46000 to 46000.0001152 in column 'Time' of 'run.csv'; taken for days as"
     """
     step = _step(time)
