@@ -234,6 +234,15 @@ def test_what_may_be_days_is_told_with_the_remedy() -> None:
     assert record.duration == pytest.approx(N - 1, rel=0.1)
 
 
+def test_a_column_of_days_without_a_row_is_refused_as_any_other() -> None:
+    for units in (None, {"Time": "d"}):
+        with pytest.raises(errors.EmptyFileError):
+            read_record(b"Time,u,y\n", **ASKED, units=units)
+    one = "Time,u,y\n46000.1,1,2\n"
+    with pytest.raises(errors.TooFewSamplesError):
+        read_record(one.encode(), **ASKED, units={"Time": "d"})
+
+
 def clock(seconds: float) -> str:
     return f"{int(seconds // 3600) % 24:02}:{int(seconds // 60) % 60:02}:{seconds % 60:06.3f}"
 

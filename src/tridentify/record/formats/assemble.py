@@ -370,7 +370,7 @@ def _seconds(source: OpenFile, clock: Channel, time: Array, units: Mapping[str, 
         if said := about_days(time, unit, clock.header, source.path.name):
             warnings.warn(said, DataWarning, stacklevel=CALLER)
     if SECONDS.get(unit) == DAY:
-        time = time - time[0]  # as seconds they would lose digits
+        time = time - time[:1]  # as seconds they would lose digits
     if unit in ("s", "sec") and epoch_unit(time):
         raise UnitError(
             f"found {time[0]:.6g} s in the time column {shown(clock.header)}; expected less than "

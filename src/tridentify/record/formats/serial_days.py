@@ -82,15 +82,15 @@ def about_days(time: Array, unit: str, header: str, file: str) -> str:
     "found 46000 to 46000.0001152 in column 'Time' of 'run.csv'; taken for days as"
     """
     step = _step(time)
+    if step is None:
+        return ""
     where = f"found {time[0]:.12g} to {time[-1]:.12g} in column {shown(header)} of {shown(file)}"
     if unit:
         return (
             f"{where}; taken for days as workbooks count them, with steps of {step * DAY:.6g} s "
             f"(state the unit s of {shown(header)} if they are seconds)"
-            if step
-            else ""
         )
-    if step is None or _is_chosen(step, EXACT):
+    if _is_chosen(step, EXACT):
         return ""
     if step >= SUSPECT and not _is_chosen_in_days(step, EXACT):
         return ""
@@ -112,7 +112,7 @@ def clock_seconds(channel: Channel, values: Array) -> Array | None:
     if channel.unit not in SECONDS:
         return None
     if SECONDS[channel.unit] == DAY or (not channel.unit and serial_unit(values)):
-        return np.asarray((values - values[0]) * DAY)
+        return np.asarray((values - values[:1]) * DAY)
     unit = channel.unit or unit_in_name(channel.name) or epoch_unit(values)
     return np.asarray(values * SECONDS[unit])
 
