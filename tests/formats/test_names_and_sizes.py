@@ -17,7 +17,7 @@ import pytest
 from scipy import io
 
 from tridentify import errors, list_channels, read_record
-from tridentify.record.formats import isolation, matlab, text_opening, text_table
+from tridentify.record.formats import isolation, matlab, text_opening, text_rows
 
 ODD_NAME = b"caf\xe9" + "\u202egnp".encode() + b"\x1b[31m\x07{c}*?"
 ASKED = {"time": "t", "inputs": ["u"], "outputs": ["y"]}
@@ -103,7 +103,7 @@ def test_a_row_without_an_end_is_refused_before_it_is_held(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: str, says: str
 ) -> None:
     monkeypatch.setattr(text_opening, "LONGEST_ROW", 1000)
-    monkeypatch.setattr(text_table, "MOST_TEXT_COLUMNS", 40)
+    monkeypatch.setattr(text_rows, "MOST_TEXT_COLUMNS", 40)
     path = tmp_path / "endless.csv"
     path.write_text(content)
     with pytest.raises(errors.UnreadableFileError, match=says) as caught:
@@ -139,7 +139,7 @@ def test_text_that_would_fill_the_memory_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(isolation, "memory_limit", lambda: 200_000)
-    monkeypatch.setattr(text_table, "_LOOK", 100)
+    monkeypatch.setattr(text_rows, "_LOOK", 100)
     path = tmp_path / "long.csv"
     for blank in ("", " "):
         path.write_text("t,u,y\n" + "".join(f"{k},1,2{blank}\n" for k in range(10_000)))

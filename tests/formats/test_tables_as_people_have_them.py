@@ -255,6 +255,15 @@ def test_a_sheet_is_read_with_titles_units_dates_and_errors(book) -> None:
     assert dict(record.units) == {"t": "s", "u;": "deg", "y": "deg/s"}
 
 
+def test_text_below_the_rows_of_a_sheet_is_left_out_and_told(book) -> None:
+    path = book([*TABLE, [], ["measured by XY"]])
+    with pytest.warns(
+        errors.DataWarning, match=r"below the last row of 'book\.xlsx'.*XY"
+    ) as caught:
+        check_good(read_record(path, **ASKED))
+    assert (len(caught), caught[0].filename) == (1, __file__)
+
+
 def test_a_workbook_in_memory(book) -> None:
     check_good(read_record(io.BytesIO(book(TABLE).read_bytes()), **ASKED))
 

@@ -411,7 +411,7 @@ def test_a_large_clean_file_is_not_read_cell_by_cell(
     def refuse(*_: object) -> None:
         raise AssertionError("read cell by cell")
 
-    monkeypatch.setattr(text_table, "_read_exactly", refuse)
+    monkeypatch.setattr(text_table, "read_exactly", refuse)
     read(path, time=None, dt=0.01)
     tracemalloc.start()
     record = read(path, time=None, dt=0.01)

@@ -20,6 +20,7 @@ from tridentify.record.formats.read import opened
 from tridentify.record.formats.summary import (
     ChannelSummary,
     ClockSummary,
+    broken_lines,
     channel_summaries,
     clock_summaries,
 )
@@ -27,6 +28,9 @@ from tridentify.writing.layout import short
 
 MANY = 2000
 """Channels beyond which they are only listed: to read and draw 80,000 of them takes minutes."""
+
+FEW = 3
+"""Lines that are no rows of which each is told."""
 
 TITLES = ("channel", "unit", "lowest", "highest", "mean", "missing", "taken for")
 
@@ -52,16 +56,27 @@ def channels(
         activity.stage(f"reading {file.name or file}")
         with opened(file) as source:
             clocks, found = described(source)
+            problems = _problems(source, found)
     if as_json:
         listed = [_document(item, clocks.get(item.channel.clock)) for item in found]
         times = [asdict(clock) for clock in clocks.values()]
-        show_json({"file": str(file), "clocks": times, "channels": listed})
+        wrong = {"problems": problems} if problems else {}
+        show_json({"file": str(file), "clocks": times, "channels": listed, **wrong})
         return
     groups: dict[str, list[ChannelSummary]] = {}
     for item in found:
         groups.setdefault(item.channel.clock, []).append(item)
     blocks = (_blocks(file.name, clocks.get(clock), group) for clock, group in groups.items())
-    show(*chain.from_iterable(blocks))
+    show(*chain.from_iterable(blocks), *(paragraph(text, rest="  ") for text in problems))
+
+
+def _problems(source: OpenFile, found: Sequence[ChannelSummary]) -> list[str]:
+    """What other commands will refuse: lines that are no rows, and columns with text in them."""
+    told = list(broken_lines(source))
+    if len(told) > FEW:
+        told = [*told[:FEW], f"found {len(told) - FEW:,} more lines that are no rows"]
+    told = [f"{text} (left out here; other commands refuse the file)" for text in told]
+    return [*told, *dict.fromkeys(item.problem for item in found if item.problem)]
 
 
 def described(source: OpenFile) -> tuple[dict[str, ClockSummary], list[ChannelSummary]]:
@@ -85,7 +100,7 @@ def described(source: OpenFile) -> tuple[dict[str, ClockSummary], list[ChannelSu
 def _document(item: ChannelSummary, clock: ClockSummary | None) -> dict[str, Any]:
     numbers = asdict(item)
     channel: Mapping[str, Any] = numbers.pop("channel")
-    del numbers["tried"]
+    del numbers["tried"], numbers["problem"]
     known = {"name": channel["header"], "unit": channel["unit"], "clock": channel["clock"]}
     if item.samples is None and clock is not None:
         numbers["samples"] = clock.samples
@@ -111,6 +126,8 @@ def _timing(clock: ClockSummary | None, items: Sequence[ChannelSummary]) -> str:
     counts = [item.samples for item in items if item.samples is not None]
     if clock is None:
         known = f"{max(counts):,} samples; " if counts else ""
+        if named := [item for item in items if item.role == "time"]:
+            return f"{known}time unknown ({_why(named)}): see below, or give --time or --dt"
         return (
             f"{known}time unknown (no channel called t or time): give the commands that use it "
             "--time NAME or --dt SECONDS"
@@ -122,6 +139,17 @@ def _timing(clock: ClockSummary | None, items: Sequence[ChannelSummary]) -> str:
         f"{text}, unevenly: steps of {clock.shortest:.4g} to {clock.longest:.4g} s "
         f"({clock.rate:.4g} a second on the mean)"
     )
+
+
+def _why(named: Sequence[ChannelSummary]) -> str:
+    """Say why channels that are time by their name do not tell it."""
+    if len(named) > 1:
+        listed = " and ".join(_plain(item.channel.header) for item in named)
+        return f"{listed} are called so"
+    name = _plain(named[0].channel.header)
+    if named[0].minimum is None or named[0].missing:
+        return f"column {name} is no number throughout"
+    return f"column {name} does not rise throughout"
 
 
 def _row(item: ChannelSummary, counted: bool) -> tuple[str, ...]:

@@ -30,6 +30,7 @@ from tridentify.record.formats import assemble
 from tridentify.record.formats.channels import SECONDS, OpenFile
 from tridentify.record.formats.read import opened
 from tridentify.record.formats.rounded_time import raster_behind
+from tridentify.record.formats.serial_days import serial_unit
 from tridentify.record.formats.summary import channel_summaries
 from tridentify.record.record import Record
 from tridentify.writing.layout import printable
@@ -336,11 +337,11 @@ def _compare_unused_time(table: OpenFile, dt: float, activity: Activity) -> None
     found = assemble.time_channels(table)
     if len(found) != 1:
         return
-    scale = SECONDS.get(found[0].unit)
     try:
         values = table.read([table.channels.index(found[0])])[0]
     except DataError:
         return
+    scale = SECONDS.get(found[0].unit or serial_unit(values))
     mean = math.nan if scale is None else scale * float(values[-1] - values[0])
     mean /= max(len(values) - 1, 1)
     if found[0].dated and not mean:

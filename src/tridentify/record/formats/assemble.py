@@ -18,6 +18,7 @@ Instants closer to each other than a thousandth of the smallest mean step are on
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, cast
@@ -26,6 +27,7 @@ import numpy as np
 
 from tridentify.errors import (
     ChannelNameError,
+    DataWarning,
     DuplicateColumnError,
     EmptyRangeError,
     LengthMismatchError,
@@ -42,9 +44,12 @@ from tridentify.numerics.arrays import Array
 from tridentify.record.checks.names import did_you_mean, file_units
 from tridentify.record.checks.samples import Intersample
 from tridentify.record.checks.times import TIME_TOLERANCE, sample_range, time_axis, uniform_step
-from tridentify.record.formats.channels import SECONDS, Channel, OpenFile, seconds_of
+from tridentify.record.formats.channels import CALLER, SECONDS, Channel, OpenFile, seconds_of
 from tridentify.record.formats.rounded_time import raster_behind
+from tridentify.record.formats.serial_days import DAY, about_days, serial_unit
 from tridentify.record.formats.time_names import (
+    LONGER_NAMES,
+    TIME_NAMES,
     epoch_unit,
     is_epoch,
     is_stamp,
@@ -247,12 +252,25 @@ def time_channels(source: OpenFile) -> list[Channel]:
 
     Those called t or time; where there are none, those that another language calls so, then those
     called at greater length or with a unit, then those called `DATE_NAMES` that hold dates, then
-    stamps with a unit or that count from 1970.
+    stamps with a unit or that count from 1970. A ``T`` in a unit that is none of time is another
+    quantity.
     """
-    free = [channel for channel in source.channels if not channel.clock]
+    free = [c for c in source.channels if not c.clock and not is_other_quantity(c)]
     named = [free[k] for k in named_time([channel.name for channel in free])]
     named = named or [c for c in free if c.dated and c.name.casefold() in DATE_NAMES]
     return named or [c for c in free if _tells_time(source, c)]
+
+
+def is_other_quantity(channel: Channel) -> bool:
+    """Whether a name of one letter or word is that of time, and its unit is none.
+
+    Examples
+    --------
+    >>> [is_other_quantity(Channel(f"T [{u}]", "T", u)) for u in ("°C", "ms", "")]
+    [True, False, False]
+    """
+    short = channel.name.casefold() in ("t", *LONGER_NAMES, *TIME_NAMES[2:])
+    return short and not channel.dated and channel.unit not in SECONDS
 
 
 def _tells_time(source: OpenFile, channel: Channel) -> bool:
@@ -347,6 +365,12 @@ def _no_time(
 def _seconds(source: OpenFile, clock: Channel, time: Array, units: Mapping[str, str]) -> Array:
     _check_finite(source, clock, time, 0, len(time))
     unit = units.get(clock.header) or unit_in_name(clock.name) or epoch_unit(time)
+    if not unit and not clock.dated:
+        unit = serial_unit(time)
+        if said := about_days(time, unit, clock.header, source.path.name):
+            warnings.warn(said, DataWarning, stacklevel=CALLER)
+    if SECONDS.get(unit) == DAY:
+        time = time - time[:1]  # as seconds they would lose digits
     if unit in ("s", "sec") and epoch_unit(time):
         raise UnitError(
             f"found {time[0]:.6g} s in the time column {shown(clock.header)}; expected less than "

@@ -16,6 +16,15 @@ from tridentify.record.formats.dates import read_moment
 SEPARATORS = ",;\t|"
 MISSING = frozenset(("", "na", "n/a", "#n/a", "nan", "null", "none", "-nan", "-", "--"))
 
+ERROR_WORDS = frozenset(
+    (
+        *("#div/0!", "#value!", "#ref!", "#name?", "#num!", "#null!", "#nan", "nan(ind)"),
+        *("-nan(ind)", "1.#qnan", "-1.#qnan", "1.#ind", "-1.#ind", "bad", "bad input", "no data"),
+        *("nodata", "i/o timeout", "invalid", "---", "----", "-----", "------"),
+    )
+)
+"""What workbooks, runtime libraries and historians write in the place of a number that failed."""
+
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 _GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}([,.' \u00a0\u2009\u202f’])\d{3}(\1\d{3})*([.,]\d*)?")
 _COMMA_GROUP = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")
@@ -24,7 +33,19 @@ _UNIT_CELL = re.compile(r"[\[(]?\s*(1/)?[^\W\d]?[^\d,;|\t=:\"'?!][^,;|\t=:\"'?!]
 
 def is_missing(cell: str) -> bool:
     """Whether a cell says that there is no sample."""
-    return cell.strip().lower() in MISSING
+    text = cell.strip().lower()
+    return text in MISSING or text in ERROR_WORDS
+
+
+def is_error_word(cell: str) -> bool:
+    """Whether a cell says that its number failed.
+
+    Examples
+    --------
+    >>> is_error_word("#DIV/0!"), is_error_word("NA")
+    (True, False)
+    """
+    return cell.strip().lower() in ERROR_WORDS
 
 
 def read_number(cell: str, decimal: str = ".") -> float | None:
@@ -105,6 +126,10 @@ class Numbers:
         if self.decimal == ",":
             self.groups.note(cell.strip(), line)
         return True
+
+    def drop(self) -> None:
+        """Drop the last one."""
+        self._values.pop()
 
     def values(self) -> Array:
         """All of them."""

@@ -45,6 +45,9 @@ SECONDS = {
     "hr": 3600.0,
     "hour": 3600.0,
     "hours": 3600.0,
+    "d": 86400.0,
+    "day": 86400.0,
+    "days": 86400.0,
 }
 """Units of time, as the formats write them [s]."""
 
@@ -60,7 +63,7 @@ def seconds_of(unit: str, header: str) -> float:
     if unit not in SECONDS:
         raise UnitError(
             f"found the unit {shown(unit)} of the time column {shown(header)}; expected s, ms, "
-            "us, ns, min or h; convert the column to seconds or correct the unit"
+            "us, ns, min, h or d; convert the column to seconds or correct the unit"
         )
     return SECONDS[unit]
 

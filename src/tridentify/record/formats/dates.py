@@ -2,9 +2,12 @@
 
 What is understood: ``2026-11-22T10:30:00.25``, with a blank for the T, with ``Z`` or ``+01:00``, a
 date alone, and ``10:30:00.25`` alone, whose hours may go on beyond 24 as those of a stopwatch do.
-``2026/11/22`` and ``22.11.2026`` have one reading as well. Years are those from 1900 to 2189.
-Other orders of day and month are refused: 1/2/2026 is January to one reader and February to
-another.
+``2026/11/22`` and ``22.11.2026`` have one reading as well. Years are those from 1900 to 2189. All
+times of a column are written alike. Times of day go on over midnight where their steps do.
+
+``11/20/2026 11:59:40 AM`` has two readings, as 1/2/2026 is January to one reader and February to
+another: a column of those is read in the order of day and month that all its dates allow, and where
+both do in the one whose instants lie closer together, which is told. A day alone is refused.
 """
 
 from __future__ import annotations
@@ -22,7 +25,14 @@ _DATE = re.compile(
     r"(?:[Tt ]+(\d\d:\d\d(?::\d\d)?)(?:[.,](\d{1,9})\d*)?\s*([Zz]|[-+]\d\d(?::?\d\d)?)?)?",
     re.ASCII,
 )
-_CLOCK = re.compile(r"(\d{1,4}):([0-5]\d):([0-5]\d)(?:[.,](\d{1,9})\d*)?", re.ASCII)
+_CLOCK = re.compile(
+    r"(\d{1,4}):([0-5]\d):([0-5]\d)(?:[.,](\d{1,9})\d*)?(?:\s*([AaPp])\.?[Mm]\.?)?", re.ASCII
+)
+_SLASHES = re.compile(
+    r"(\d{1,2})/(\d{1,2})/(\d{4})[ ,T]+"
+    r"(\d{1,2}:[0-5]\d)(:[0-5]\d(?:[.,]\d+)?)?(\s*[AaPp]\.?[Mm]\.?)?",
+    re.ASCII,
+)
 YEARS = range(1900, 2190)
 """Of dates that are read: the nanoseconds between any two of them fit into 64 bits."""
 
@@ -30,7 +40,13 @@ _SECOND = 1_000_000_000
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 Moment = tuple[str, int]
-"""What kind of time a cell holds ("date", "date with zone", "time of day"), and how many ns."""
+"""What kind of time a cell holds ("date", "date with zone", "time of day" and others), and ns."""
+
+SLASHES = "day and month in either order"
+DOTS = "date with points"
+
+LONGEST_LEAP = 2.0
+"""Step over midnight, in largest other steps, up to which a time of day goes on the next day."""
 
 
 def read_moment(cell: str) -> Moment | None:
@@ -53,13 +69,13 @@ def read_moment(cell: str) -> Moment | None:
     ('date with zone', 0)
     """
     text = cell.strip()
-    if clock := _CLOCK.fullmatch(text):
-        hours, minutes, seconds = (int(part) for part in clock.groups()[:3])
-        whole = 3600 * hours + 60 * minutes + seconds
-        return "time of day", whole * _SECOND + _nanoseconds(clock[4])
+    if (clock := _clock(text)) is not None:
+        return "time of day", clock
     if (date := _DATE.fullmatch(text)) is None:
-        return None
+        both = slashed(text)
+        return next(((SLASHES, count) for count in both if count is not None), None)
     day, time, fraction, zone = date.groups()
+    kind = DOTS if "." in day else "date with slashes" if "/" in day else "date"
     day = "-".join(reversed(day.split("."))).replace("/", "-")
     try:
         stated = datetime.fromisoformat(f"{day}T{time or '00:00'}{(zone or 'Z').upper()}")
@@ -69,7 +85,44 @@ def read_moment(cell: str) -> Moment | None:
         return None
     since = stated - _EPOCH
     whole = 86400 * since.days + since.seconds
-    return "date with zone" if zone else "date", whole * _SECOND + _nanoseconds(fraction)
+    return f"{kind} with zone" if zone else kind, whole * _SECOND + _nanoseconds(fraction)
+
+
+def slashed(cell: str) -> tuple[int | None, int | None]:
+    """Nanoseconds since 1970 with the month first and with the day first; None where it is none.
+
+    Examples
+    --------
+    >>> slashed("01/02/1970 00:00:01"), slashed("01/13/1970 12:00:00 AM"), slashed("1/2/1970")
+    ((86401000000000, 2678401000000000), (1036800000000000, None), (None, None))
+    """
+    match = _SLASHES.fullmatch(cell.strip())
+    clock = None if match is None else _clock(f"{match[4]}{match[5] or ':00'}{match[6] or ''}")
+    if match is None or clock is None or clock >= 86400 * _SECOND:
+        return None, None
+    first, second, year = (int(part) for part in match.groups()[:3])
+    return _day(year, first, second, clock), _day(year, second, first, clock)
+
+
+def _day(year: int, month: int, day: int, clock: int) -> int | None:
+    if year not in YEARS:
+        return None
+    try:
+        return (datetime(year, month, day, tzinfo=UTC) - _EPOCH).days * 86400 * _SECOND + clock
+    except ValueError:
+        return None
+
+
+def _clock(text: str) -> int | None:
+    """Nanoseconds of a time of day, of 12 or of 24 hours."""
+    if (clock := _CLOCK.fullmatch(text)) is None:
+        return None
+    hours, minutes, seconds = (int(part) for part in clock.groups()[:3])
+    if clock[5]:
+        if not 0 < hours < 13:
+            return None
+        hours = hours % 12 + (12 if clock[5] in "Pp" else 0)
+    return (3600 * hours + 60 * minutes + seconds) * _SECOND + _nanoseconds(clock[4])
 
 
 def _nanoseconds(digits: str | None) -> int:
@@ -92,21 +145,79 @@ class Instants:
         self._kind = ""
         self._counts = array("q")
         self._known = array("b")
+        self._orders = (array("q"), array("q"))
+        self._possible = [True, True]
+        self.choice = ""
 
     def take(self, cell: str, _line: int) -> bool:
         """Take a cell, blank where time is missing; False if it is no time, or of another kind."""
         moment = ("", 0) if not cell.strip() else read_moment(cell)
         if moment is None or (self._kind and moment[0] not in ("", self._kind)):
             return False
+        if SLASHES in (self._kind, moment[0]) and not self._take_slashed(cell, moment[1]):
+            return False
         self._kind = moment[0] or self._kind
         self._counts.append(moment[1])
         self._known.append(bool(moment[0]))
         return True
 
+    def _take_slashed(self, cell: str, count: int) -> bool:
+        """Take a date in both orders, unless it needs the one that those above it rule out."""
+        both = slashed(cell) if cell.strip() else (count, count)
+        possible = [a and b is not None for a, b in zip(self._possible, both, strict=True)]
+        if not any(possible):
+            return False
+        self._possible = possible
+        for order, own in zip(self._orders, both, strict=True):
+            order.extend([0] * (len(self._counts) - len(order)))  # blank ones above the first date
+            order.append(0 if own is None else own)
+        return True
+
+    def drop(self) -> None:
+        """Drop the last one, which is blank."""
+        self._counts.pop()
+        self._known.pop()
+        for order in self._orders:
+            del order[len(self._counts) :]
+
     def values(self) -> Array:
         """Seconds since the first time that is known; nan for a blank."""
-        counts = np.array(self._counts, dtype=np.int64)
         known = np.array(self._known, dtype=np.bool_)
+        counts = self._read() if self._kind == SLASHES else np.array(self._counts, dtype=np.int64)
         if known.any():
             counts = counts - counts[int(np.argmax(known))]
+        if self._kind == "time of day":
+            counts[known] = _over_midnight(counts[known])
         return np.where(known, counts * 1e-9, np.nan)
+
+    def _read(self) -> np.ndarray:
+        """Dates with slashes in the order that they allow, or that puts them closer together."""
+        month, day = (np.array(order, dtype=np.int64) for order in self._orders)
+        known = np.array(self._known, dtype=np.bool_)
+        spans = [float(np.abs(np.diff(one[known])).sum()) for one in (month, day)]
+        if not all(self._possible):
+            return month if self._possible[0] else day
+        if spans[0] != spans[1]:
+            first, other = ("month", "day") if spans[0] < spans[1] else ("day", "month")
+            self.choice = f"dates that may begin with month or day, read with the {first} first"
+            self.choice += f" (the {other} first would put them farther apart)"
+        return day if spans[1] < spans[0] else month
+
+
+def _over_midnight(counts: np.ndarray) -> np.ndarray:
+    """Times of day that go on the next day, where the steps are no longer there than elsewhere.
+
+    Examples
+    --------
+    >>> clock = [read_moment(text)[1] for text in ("23:59:58", "23:59:59", "00:00:00", "00:00:01")]
+    >>> (_over_midnight(np.array(clock)) - clock[0]) // _SECOND
+    array([0, 1, 2, 3])
+    """
+    steps, day = np.diff(counts), 86400 * _SECOND
+    back = steps < -day // 2
+    if not back.any() or back.all():
+        return counts
+    over = steps[back] + day
+    if np.any(over < 0) or over.max() > LONGEST_LEAP * steps[~back].max():
+        return counts
+    return np.asarray(counts + np.r_[0, day * np.cumsum(back)])

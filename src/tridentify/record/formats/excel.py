@@ -21,6 +21,7 @@ from tridentify.numerics.arrays import Array
 from tridentify.record.formats.cells import SEPARATORS
 from tridentify.record.formats.channels import SECONDS, Channel, SampledFile
 from tridentify.record.formats.csv import TextFile
+from tridentify.record.formats.serial_days import clock_seconds
 from tridentify.record.formats.time_names import named_time
 
 ERRORS = frozenset(("#DIV/0!", "#N/A", "#NAME?", "#NULL!", "#NUM!", "#REF!", "#VALUE!"))
@@ -79,7 +80,7 @@ class ExcelFile(SampledFile):
         named = named_time([channel.name for channel in sheet.channels])
         if len(named) != 1 or sheet.channels[named[0]].unit not in SECONDS:
             return None
-        return sheet.read(named)[0] * SECONDS[sheet.channels[named[0]].unit]
+        return clock_seconds(sheet.channels[named[0]], sheet.read(named)[0])
 
     def _table(self, sheet: Any) -> tuple[Path, bool]:
         """Write a sheet as text; say where, and whether it holds numbers."""

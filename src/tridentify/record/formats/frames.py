@@ -6,6 +6,7 @@ so that no digit is lost to the decades since 1970.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from tridentify.errors import (
+    DataWarning,
     DuplicateColumnError,
     EmptyFileError,
     OptionError,
@@ -26,7 +28,7 @@ from tridentify.numerics.arrays import Array
 from tridentify.record.checks.samples import Intersample
 from tridentify.record.checks.times import uniform_step
 from tridentify.record.formats.assemble import Wanted, record_from, time_channels
-from tridentify.record.formats.channels import Channel, SampledFile, header_channel
+from tridentify.record.formats.channels import CALLER, Channel, SampledFile, header_channel
 from tridentify.record.formats.dates import Instants, read_moment
 from tridentify.record.formats.requirements import require
 from tridentify.record.formats.time_names import is_called_time
@@ -87,7 +89,12 @@ class FrameTable(SampledFile):
                     f"{shown(self.path.name)}; expected a date or time as above it; correct it, or "
                     "convert the column to datetime"
                 )
-        return instants.values()
+        values = instants.values()
+        if instants.choice:
+            warnings.warn(
+                f"found {instants.choice} in column {shown(name)}", DataWarning, stacklevel=CALLER
+            )
+        return values
 
     def _floats(self, name: str) -> Array:
         import narwhals as nw

@@ -37,12 +37,17 @@ def serve() -> None:
         with warnings.catch_warnings(record=True) as caught:
             source = open_here(first["module"], path)
         listing = [dataclasses.asdict(channel) for channel in source.channels]
-        said = [str(item.message) for item in caught if issubclass(item.category, DataWarning)]
-        _answer(answers, {"channels": listing, "said": said}, ())
+        _answer(answers, {"channels": listing, "said": _said(caught)}, ())
         for line in requests:
-            _answer(answers, {}, _arrays(source, json.loads(line)))
+            with warnings.catch_warnings(record=True) as caught:
+                arrays = _arrays(source, json.loads(line))
+            _answer(answers, {"said": _said(caught)}, arrays)
     except BaseException as error:
         _answer(answers, _described(error), ())
+
+
+def _said(caught: Sequence[warnings.WarningMessage]) -> list[str]:
+    return [str(item.message) for item in caught if issubclass(item.category, DataWarning)]
 
 
 def silenced() -> BinaryIO:

@@ -165,7 +165,10 @@ class IsolatedFile(SampledFile):
         """Give channels as numbers."""
         counts = [self.channels[index].samples or 0 for index in indices]
         check_size(8 * sum(counts), self.path)
-        return self._ask({"read": list(indices)})[1]
+        answer, arrays = self._ask({"read": list(indices)})
+        for text in answer.get("said", ()):
+            warnings.warn(str(text), DataWarning, stacklevel=CALLER)
+        return arrays
 
     def instants(self, clock: str) -> Array | None:
         """Give the sampling instants of a clock [s], if the file knows them."""

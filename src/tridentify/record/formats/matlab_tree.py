@@ -11,6 +11,8 @@ Channels are found in it as follows; a path is ``log.imu.q``, an element ``log.l
 * A struct with ``u`` or ``y`` (or ``InputData``, ``OutputData``) and ``Ts`` is laid out as
   ``iddata``: ``InputName``, ``OutputName``, ``InputUnit``, ``OutputUnit``, ``TimeUnit`` and
   ``Tstart``. Its channels go by those names.
+* In any other struct, a field called ``t`` or ``time`` (`time_names`) is the time of the fields
+  beside it that are as long.
 
 Objects of MATLAB's own classes (``timeseries``, ``iddata``, ``table``) are stored in a form that is
 not published; they are named, and refused.
@@ -18,8 +20,9 @@ not published; they are named, and refused.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import prod
 from pathlib import Path
 from typing import TypeAlias, Union
@@ -30,6 +33,7 @@ from tridentify.errors import ForeignObjectError, TextInColumnError, UnitError, 
 from tridentify.numerics.arrays import Array
 from tridentify.record.formats.channels import SECONDS, Channel, SampledFile
 from tridentify.record.formats.isolation import check_size
+from tridentify.record.formats.time_names import named_time, unit_of_clock
 
 DEEPEST = 8
 """Structures within structures: an end for references that go in circles."""
@@ -124,8 +128,30 @@ def _walk(found: _Found, path: str, node: Node, depth: int) -> None:
         fields = {name.lower(): value for name, value in node.items()}
         known = _add_timeseries, _add_simulink, _add_experiment
         if not any(add(found, path, fields) for add in known):
+            first = len(found.channels)
             for name, value in node.items():
                 _walk(found, f"{path}.{name}", value, depth + 1)
+            _share_time(found, path, node, first)
+
+
+def _share_time(found: _Found, path: str, node: dict[str, Node], first: int) -> None:
+    """Let a field that is time by its name be the clock of the fields beside it, if as long."""
+    numbers = [name for name, value in node.items() if isinstance(value, Numbers)]
+    names = [name for name in numbers if name != "T"]  # a temperature
+    places = named_time(names)
+    channels = {one.header: one for one in found.channels[first:]}
+    times = [channels[f"{path}.{names[k]}"] for k in places if f"{path}.{names[k]}" in channels]
+    if len(times) != 1:
+        return
+    name = times[0].header.rpartition(".")[2]
+    instants = node[name]
+    if not isinstance(instants, Numbers):
+        return
+    found.clocks[path] = _scaled(found, path, instants, unit_of_clock(name))
+    beside = re.compile(rf"{re.escape(path)}\.\w+(\(\d+\))?")
+    for k, one in enumerate(found.channels[first:], first):
+        if not one.clock and one.samples == times[0].samples and beside.fullmatch(one.header):
+            found.channels[k] = replace(one, clock=path)
 
 
 def _refuse(found: _Found, path: str, kind: str) -> Load:
@@ -278,7 +304,7 @@ def _scale(found: _Found, path: str, unit: str) -> float:
     if unit not in SECONDS:
         raise UnitError(
             f"found the unit {shown(unit)} of the time of {shown(path)} in "
-            f"{shown(found.path.name)}; expected s, ms, us, ns, min or h; correct it"
+            f"{shown(found.path.name)}; expected s, ms, us, ns, min, h or d; correct it"
         )
     return SECONDS[unit]
 

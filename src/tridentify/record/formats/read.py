@@ -172,7 +172,9 @@ def read_record(
     Warns
     -----
     DataWarning
-        Lines above the header are taken for a title and passed over.
+        Lines above the header are taken for a title and passed over, lines of text below the last
+        row are left out, words of errors are taken for missing samples, numbers for days, or dates
+        for one of two readings.
 
     Examples
     --------

@@ -82,9 +82,21 @@ def _even(time: Array, half: Array) -> Array | None:
 
 def _of_decimals(time: Array) -> Array | None:
     """Half a unit of the last decimal; None where stamps have too many."""
+    decimals = decimals_of(time)
+    return None if decimals is None else np.full(time.size, 0.5 * 10.0**-decimals)
+
+
+def decimals_of(time: Array) -> int | None:
+    """How many decimals stamps were written with; None where they have too many.
+
+    Examples
+    --------
+    >>> decimals_of(np.array([0.0, 0.25])), decimals_of(np.array([1.0 / 3.0]))
+    (2, None)
+    """
     for decimals in range(MOST_DECIMALS + 1):
         if np.all(np.abs(np.round(time, decimals) - time) <= EXACT * np.abs(time)):
-            return np.full(time.size, 0.5 * 10.0**-decimals)
+            return decimals
     return None
 
 

@@ -14,6 +14,7 @@ from tridentify.record.formats.assemble import time_channels
 from tridentify.record.formats.channels import SECONDS, Channel, OpenFile
 from tridentify.record.formats.contents import Contents
 from tridentify.record.formats.read import opened
+from tridentify.record.formats.serial_days import clock_seconds
 from tridentify.record.formats.summary import ChannelSummary, read_numbers, summed_up
 
 
@@ -229,7 +230,7 @@ def _instants(
     if channel.clock:
         t = source.instants(channel.clock)
     elif len(clocks) == 1 and clocks[0].unit in SECONDS:
-        t = np.asarray(numbers[source.channels.index(clocks[0])] * SECONDS[clocks[0].unit])
+        t = clock_seconds(clocks[0], numbers[source.channels.index(clocks[0])])
     elif dt is not None:
         t = np.asarray(dt * np.arange(len(numbers[source.channels.index(channel)])))
     else:

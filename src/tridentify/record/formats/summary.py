@@ -9,12 +9,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tridentify.errors import DataError
+from tridentify.errors import DataError, DataWarning
 from tridentify.numerics.arrays import Array
 from tridentify.record.checks.times import uniform_step
 from tridentify.record.formats.assemble import time_channels
-from tridentify.record.formats.channels import SECONDS, Channel, OpenFile
+from tridentify.record.formats.channels import CALLER, SECONDS, Channel, OpenFile
+from tridentify.record.formats.csv import TextFile
 from tridentify.record.formats.roles import guess_roles
+from tridentify.record.formats.serial_days import about_days, clock_seconds, serial_unit
 
 PATIENCE = 20.0
 """Time for the channels of a file [s]: a table of many columns of text would take hours."""
@@ -34,6 +36,8 @@ class ChannelSummary:
         Of the samples that are finite.
     role : {"input", "output", "reference", "unused", "time", ""}
         What it is taken for at first (`guess_roles`); empty where it was not read.
+    problem : str
+        Why a column that begins with numbers holds none throughout.
     """
 
     channel: Channel
@@ -45,6 +49,7 @@ class ChannelSummary:
     mean: float | None = None
     std: float | None = None
     role: str = ""
+    problem: str = ""
 
 
 @dataclass(frozen=True)
@@ -92,10 +97,12 @@ def channel_summaries(source: OpenFile, patience: float = PATIENCE) -> list[Chan
     list of ChannelSummary
         In the order of the file; what cannot be read as numbers has none.
     """
-    read = _readable(source, range(len(source.channels)), time.monotonic() + patience)
+    end = time.monotonic() + patience
+    problems: dict[int, str] = {}
+    read = _readable(source, range(len(source.channels)), end, problems)
     roles = _roles(source, read)
     return [
-        replace(summed_up(channel, read[k]), role=roles.get(k, ""))
+        replace(summed_up(channel, read[k]), role=roles.get(k, ""), problem=problems.get(k, ""))
         if k in read
         else ChannelSummary(channel, False, channel.samples)
         for k, channel in enumerate(source.channels)
@@ -107,11 +114,12 @@ def _roles(source: OpenFile, read: Mapping[int, Array | None]) -> dict[int, str]
     free = {
         k: values
         for k, values in sorted(read.items())
-        if values is not None and source.channels[k] not in clocks
+        if values is not None and source.channels[k] not in clocks and source.channels[k].header
     }
+    unnamed = {k: "unused" for k in read if not source.channels[k].header}
     guessed = guess_roles([source.channels[k].name for k in free], list(free.values()))
     times = {k: "time" for k in read if source.channels[k] in clocks}
-    return times | dict(zip(free, map(str, guessed), strict=True))
+    return unnamed | times | dict(zip(free, map(str, guessed), strict=True))
 
 
 def read_numbers(source: OpenFile, patience: float = PATIENCE) -> dict[int, Array]:
@@ -132,21 +140,47 @@ def read_numbers(source: OpenFile, patience: float = PATIENCE) -> dict[int, Arra
     return {k: values for k in sorted(read) if (values := read[k]) is not None}
 
 
-def _readable(source: OpenFile, indices: Sequence[int], end: float) -> dict[int, Array | None]:
+def _readable(
+    source: OpenFile, indices: Sequence[int], end: float, problems: dict[int, str] | None = None
+) -> dict[int, Array | None]:
     """Samples of channels, None for what is no number; found by halving where one of several is.
 
     Every half costs a reading, in a table of text one of the whole file, so nothing is begun when
-    the time is over.
+    the time is over. With `problems`, which takes what is wrong with which channel, a table of text
+    is read on behind lines that are no rows.
     """
     if not indices or time.monotonic() > end:
         return {}
     try:
-        return dict(zip(indices, source.read(list(indices)), strict=True))
-    except DataError:
+        if problems is None:
+            return dict(zip(indices, source.read(list(indices)), strict=True))
+        return dict(zip(indices, _read_on(source, indices), strict=True))
+    except DataError as error:
         if len(indices) == 1:
+            if problems is not None and _began_as_numbers(source, indices[0]):
+                problems[indices[0]] = str(error)
             return {indices[0]: None}
     middle = len(indices) // 2
-    return _readable(source, indices[:middle], end) | _readable(source, indices[middle:], end)
+    first = _readable(source, indices[:middle], end, problems)
+    return first | _readable(source, indices[middle:], end, problems)
+
+
+def _read_on(source: OpenFile, indices: Sequence[int]) -> list[Array]:
+    return source.read_on(indices) if isinstance(source, TextFile) else source.read(indices)
+
+
+def _began_as_numbers(source: OpenFile, index: int) -> bool:
+    return isinstance(source, TextFile) and not source.begins_with_text(index)
+
+
+def broken_lines(source: OpenFile) -> tuple[str, ...]:
+    """What is wrong with lines among the rows, in the order of the file; empty where none is.
+
+    Parameters
+    ----------
+    source : OpenFile
+    """
+    return source.broken if isinstance(source, TextFile) else ()
 
 
 def summed_up(channel: Channel, values: Array | None) -> ChannelSummary:
@@ -204,6 +238,11 @@ def _instants(source: OpenFile, clock: str) -> Array | None:
         named = time_channels(source)
         if len(named) != 1 or named[0].unit not in SECONDS:
             return None
-        return source.read([source.channels.index(named[0])])[0] * SECONDS[named[0].unit]
+        (values,) = _read_on(source, [source.channels.index(named[0])])
+        if not named[0].unit and not named[0].dated:
+            unit = serial_unit(values)
+            if said := about_days(values, unit, named[0].header, source.path.name):
+                warnings.warn(said, DataWarning, stacklevel=CALLER)
+        return clock_seconds(named[0], values)
     except DataError:
         return None

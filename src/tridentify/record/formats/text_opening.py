@@ -9,6 +9,7 @@ from pathlib import Path
 
 from tridentify.errors import UnreadableFileError, shown
 from tridentify.record.formats.cells import SEPARATORS
+from tridentify.record.formats.number_rows import table_place
 from tridentify.record.formats.title_lines import LOOKED_AT, header_place, separator_of
 
 COMMENTS = ("#", "%")
@@ -26,6 +27,10 @@ _EXCEL = re.compile(r"sep=.")
 
 _LONGEST_TITLE = 1 << 16
 """Characters in a line behind which no header is looked for."""
+
+
+FIRST_LINES = 4 * LOOKED_AT
+"""Lines in which the numbers are looked for where no table follows the header."""
 
 
 LATER_BYTES = "tridentify.latin-1"
@@ -96,12 +101,18 @@ def as_latin_1(error: UnicodeError) -> tuple[str, int]:
 
 @dataclass(frozen=True)
 class Opening:
-    """How a file begins: its separator, the line of its header, the comment and titles above."""
+    """How a file begins: its separator, the line of its header, the comment and titles above.
+
+    `numbers` is the line of the first numbers where more than names and units stand above it, else
+    0; `preamble` are the titles as they stand in the file.
+    """
 
     separator: str
     first_line: int
     comment: str
     titles: tuple[str, ...] = ()
+    numbers: int = 0
+    preamble: tuple[str, ...] = ()
 
 
 def read_opening(file: Path, encoding: str) -> Opening:
@@ -121,7 +132,7 @@ def read_opening(file: Path, encoding: str) -> Opening:
                     comment = text.lstrip("#% ") if above else comment
                     continue
                 found.append((line.rstrip("\r\n"), number))
-                if len(line) > _LONGEST_TITLE or len(found) == LOOKED_AT:
+                if len(line) > _LONGEST_TITLE or len(found) == FIRST_LINES:
                     break
     except UnreadableFileError:
         raise
@@ -130,12 +141,16 @@ def read_opening(file: Path, encoding: str) -> Opening:
     except OSError as error:
         raise not_text(file, f"a read error ({error.strerror})") from error
     lines = [line for line, _ in found]
-    place = header_place(lines)
     if not found:
         return Opening(",", number, comment)
+    place = header_place(lines[:LOOKED_AT])
+    other = table_place(lines, place)
+    place = place if other is None else other.names
     # a workbook fills a title up to the width of the table
     titles = tuple(line.strip().strip(SEPARATORS) for line in lines[:place])
-    return Opening(separator_of(lines[place:]), found[place][1], comment, titles)
+    separator = separator_of(lines[place:]) if other is None else other.separator
+    first = 0 if other is None else found[other.numbers][1]
+    return Opening(separator, found[place][1], comment, titles, first, tuple(lines[:place]))
 
 
 def check_row(file: Path, length: int, line: int) -> None:
@@ -146,3 +161,52 @@ def check_row(file: Path, length: int, line: int) -> None:
             f"{shown(file.name)}; expected shorter ones; split the table, or repair the quotes or "
             "line ends that are missing"
         )
+
+
+REMARKS = ("comment", "comments", "remark", "remarks")
+"""Names of a last column that loggers fill in few rows."""
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """A delimited text file whose header has been read.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    encoding : str
+        Of its text.
+    separator : str
+        What stands between two cells.
+    names : tuple of str
+        The cells of the header, without surrounding blanks.
+    units : tuple of str
+        The cells of the line of units; blank without one.
+    first_line : int
+        Number of the first line that is no comment, or of the header in a comment.
+    header_lines : int
+        Number of the line that the header, or the line of units, ends on.
+    titles : tuple of str
+        Lines above the header that are no comments.
+    dated : tuple of bool
+        Which columns hold dates or times, to judge by the first row that says so.
+    textual : tuple of bool
+        Which hold texts, likewise.
+    """
+
+    path: Path
+    encoding: str
+    separator: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    first_line: int
+    header_lines: int
+    titles: tuple[str, ...] = ()
+    dated: tuple[bool, ...] = ()
+    textual: tuple[bool, ...] = ()
+
+    @property
+    def width(self) -> int:
+        """Cells that a row has at least: that of a remark, the last one, may be left out."""
+        return len(self.names) - (len(self.names) > 1 and self.names[-1].casefold() in REMARKS)

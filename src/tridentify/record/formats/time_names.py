@@ -12,8 +12,9 @@ TIME_NAMES = (*ENGLISH_NAMES, "zeit", "temps", "tiempo", "tempo", "tijd")
 """What a channel of time is called, in any case: the first two come before what other languages
 call it."""
 
-LONGER_NAMES = ("elapsed", "elapsed time", "seconds", "milliseconds", "microseconds", "nanoseconds")
-"""What else it is called: words apart by a blank, an underscore or a hyphen."""
+COUNTED = ("seconds", "milliseconds", "microseconds", "nanoseconds")
+LONGER_NAMES = ("elapsed", "elapsed time", "x value", *COUNTED)
+"""What else it is called: words apart by a blank, an underscore or a hyphen; X_Value by LabVIEW."""
 
 WITH_UNIT = (*TIME_NAMES, *LONGER_NAMES[:2], "timestamp", "time stamp", "stamp")
 """What stands before a unit at the end of a name: ``t_ms``, ``timestamp_us``."""
@@ -56,7 +57,7 @@ def unit_of_clock(name: str) -> str:
     >>> unit_of_clock("t_ms"), unit_of_clock("T_h"), unit_of_clock("milliseconds")
     ('ms', '', 'milliseconds')
     """
-    if _words(name) in LONGER_NAMES[2:]:
+    if _words(name) in COUNTED:
         return _words(name)
     match = ENDING.fullmatch(name.strip())
     if match is None or match["name"] == "T" or (match["name"] == "t" and match["unit"] == "h"):

@@ -74,7 +74,7 @@ def header_place(lines: Sequence[str]) -> int:
         if _UNCLOSED.search(line) and line.count('"') % 2:
             break  # a cell that goes on in the next line
         separator = separator_of(lines[place:])
-        cells, *below = (_cells(text, separator) for text in lines[place : place + AGREEING + 2])
+        cells, *below = (cells_of(text, separator) for text in lines[place : place + AGREEING + 2])
         values = [is_value(cell) for cell in cells if cell]
         if all(values):
             if len(values) > 1:
@@ -89,7 +89,8 @@ def dialect(separator: str) -> dict[str, Any]:
     return {"delimiter": separator, "skipinitialspace": separator == " "}
 
 
-def _cells(line: str, separator: str) -> list[str]:
+def cells_of(line: str, separator: str) -> list[str]:
+    """Give the cells of one line, without the blanks around them; none where it is no line."""
     try:
         cells = next(csv.reader([line], **dialect(separator)), [])
     except csv.Error:
