@@ -15,7 +15,7 @@ from tridentify.judgement.causes.intersample import (
     IN_WORDS,
     behaviours,
     better_behaviour,
-    is_staircase,
+    seems_held,
 )
 from tridentify.judgement.choice import with_behaviour
 from tridentify.judgement.selection.finish_candidates import CandidateTask, run_task
@@ -89,7 +89,7 @@ def resettled(
     found = behaviours(estimate, settled.records)
     if found is not None and found.advised != found.present:
         return _changed(records, unseen, found.advised, table.entries[place].structure)
-    return None if is_staircase(records) else _plainer(records, unseen, settled, table, method)
+    return None if seems_held(records) else _plainer(records, unseen, settled, table, method)
 
 
 def resettled_again(
