@@ -33,14 +33,7 @@ from tridentify.judgement.advice.seen import (
 )
 from tridentify.judgement.causes.direct_part import has_direct_part
 from tridentify.judgement.causes.first_samples import beginning
-from tridentify.judgement.causes.intersample import (
-    AUTO,
-    CLEARLY,
-    IN_WORDS,
-    TIE,
-    clear_fall,
-    seems_held,
-)
+from tridentify.judgement.causes.intersample import AUTO, CLEARLY, IN_WORDS, needed_fall
 from tridentify.judgement.causes.parallel import Parallel, WhitenedFit, p_value, with_noise_model
 from tridentify.judgement.causes.wild_beginning import without_wild_beginning
 from tridentify.judgement.cautions.sensors import seen_in
@@ -262,8 +255,7 @@ def _between(
     best = min(above, key=lambda name: above[name])
     # a staircase is held unless the record says clearly that it is not
     count = len(outputs) * sum(record.n_samples for record in records)
-    margin = clear_fall(count, True) if seems_held(records) else TIE
-    if present in above and above[present] < margin:
+    if present in above and above[present] < needed_fall(records, count):
         best = present
     return {name: value - above[best] for name, value in above.items()}, best
 

@@ -290,6 +290,18 @@ def seems_held(records: Sequence[Record]) -> bool:
     return is_staircase(records) and not _on_slopes(records)
 
 
+def needed_fall(records: Sequence[Record], count: int) -> float:
+    """Fall of ``-2 log L`` from which another behaviour is used than the samples suggest.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    count : int
+        Samples of all outputs.
+    """
+    return clear_fall(count, True) if seems_held(records) else TIE
+
+
 def _on_slopes(records: Sequence[Record]) -> bool:
     """Whether every input that moves goes on as it went at most of its moves."""
     steps = [np.diff(record.u, axis=0) for record in records]
