@@ -71,6 +71,7 @@ def test_a_ramp_is_joined_or_held_as_the_likelihood_with_its_noise_says(seed, me
     assert np.max(np.abs(estimate.theta - TRUTH) / estimate.std) < 5.0 or told
 
 
+@pytest.mark.slow
 def test_searches_are_asked_for_where_the_noise_speaks_for_the_present_behaviour():
     record = ship(10, True, "zoh")
     estimate = identify(record, Structure(2, 1))
