@@ -19,7 +19,6 @@ from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.machine_code import ready
 from tridentify.estimation.methods.base import Method, Progress
 from tridentify.estimation.methods.route import having_left_out, referenced
-from tridentify.judgement.causes.intersample import IN_WORDS
 from tridentify.judgement.causes.wild_beginning import without_wild_beginning
 from tridentify.judgement.choice import (
     METHODS,
@@ -308,13 +307,10 @@ def _of_chosen_order(
     plain = (one.structure for one in selection.rows if not one.structure.constrained)
     tried = sum(one.delay == wanted.template.delay for one in plain)
     told = f"poles, zeros = {row.label} chosen of {tried} candidates: {selection.reason}"
-    between: tuple[str, ...] = ()
     estimate, left_open = row.estimate, any(record.intersample == "auto" for record in records)
     if left_open and row.structure.delay == "free":
         # held for half an interval is late by as much: what was said without a delay is no matter
         again, seen, found, words = with_behaviour(method, records, row.structure, progress)
         estimate = with_judgement(again, seen, method, found, words)
-    elif left_open:
-        between = (f"input taken as {IN_WORDS[estimate.intersample]}",)
-    trace = replace(estimate.trace, decisions=(told, *between, *estimate.trace.decisions))
+    trace = replace(estimate.trace, decisions=(told, *estimate.trace.decisions))
     return replace(estimate, trace=trace)

@@ -129,7 +129,8 @@ BAD = """async () => {
 
 def test_only_exact_advice_becomes_an_option(seen):
     found = seen.page.evaluate(ADVICE)
-    assert found == [{"intersample": "auto"}, None, {"poles": "auto", "zeros": "auto"},
+    assert found == [{"intersample": "auto"}, {"intersample": "foh"}, None,
+                     {"poles": "auto", "zeros": "auto"},
                      {"noise": "ar", "loss": "squared", "method": "three-model"}, {"fixed": "a0=0"},
                      None]  # fmt: skip
 
@@ -137,6 +138,7 @@ def test_only_exact_advice_becomes_an_option(seen):
 ADVICE = """async () => {
   const { optionsOf } = await import("/page/remedies.js");
   return [["intersample", "State intersample='foh' (--intersample foh), or 'auto'."],
+    ["intersample", "State intersample='foh' (--intersample foh)."],
     ["intersample", "State how the controller works (controller='sampled')."],
     ["order-low", "Use poles=3 and zeros=2, or compare (select_structure; tridentify select)."],
     ["drift", "Use a noise model (noise='ar', --noise ar); a drift (drift=True) does not."],

@@ -6,6 +6,9 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
 
 from tridentify.errors import OptionError, SampleTypeError, shown
 from tridentify.estimation.answer.estimate import Estimate
@@ -28,9 +31,12 @@ from tridentify.estimation.methods.output_error import OutputError
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.causes.intersample import (
     IN_WORDS,
+    TAKEN,
+    TIE,
     Behaviours,
     behaviours,
     better_behaviour,
+    in_doubt,
 )
 from tridentify.judgement.cautions import about_loop, judged
 from tridentify.judgement.cautions.coefficients import coefficient_findings
@@ -67,28 +73,58 @@ def with_behaviour(
     """The estimate, with what explains the record best where the input's behaviour is left open.
 
     The search runs with what the samples suggest; at its end every behaviour is fitted from there,
-    and another search with the best of them follows where that is another one. Where it was
-    stated, nothing is compared: that is for who judges the estimate (`beside_stated`).
+    and another search with the best of them follows where that is another one. So it does where
+    the noise has memory and coefficients hang on which it is: AICc says then, with the noise model
+    of each search. Where it was stated, nothing is compared: that is for who judges the estimate
+    (`beside_stated`).
     """
     stated = all(record.intersample != "auto" for record in records)
     left_open = [record.behaviour for record in records if record.intersample == "auto"]
     suggested: Behaviour = left_open[0] if left_open else "zoh"
-    tried: list[Behaviour] = []
+    ends: dict[Behaviour, _Searched] = {}
     wanted = suggested
     while True:
         seen = [record.settled(wanted) for record in records]
-        tried.append(wanted)
         estimate = method.estimate(seen, structure, progress)
         if stated:
             return estimate, seen, None, ()
         found = _compared(estimate, seen)
         if found is None:
-            told = f"input taken as {IN_WORDS[wanted]}, which its samples suggest"
+            told = f"{TAKEN}{IN_WORDS[wanted]}, which its samples suggest"
             return estimate, seen, None, (told,)
-        better = better_behaviour(found, suggested)
-        if better in tried or not _can_be(better, method):
-            return estimate, seen, found, (found.in_words(),)
-        wanted = better
+        ends[wanted] = _Searched(estimate, seen, found)
+        asked = [better_behaviour(found, suggested), *in_doubt(found, estimate)]
+        others = [one for one in asked if one not in ends and _can_be(one, method)]
+        if not others:
+            return _best_of(ends, wanted, suggested)
+        wanted = others[0]
+
+
+class _Searched(NamedTuple):
+    """Where the search with one behaviour ended, and how others compare from there."""
+
+    estimate: Estimate
+    records: list[Record]
+    found: Behaviours
+
+
+def _best_of(
+    ends: Mapping[Behaviour, _Searched], last: Behaviour, suggested: Behaviour
+) -> tuple[Estimate, list[Record], Behaviours, tuple[str, ...]]:
+    """The search to be used: the last, or the best where the noise of one of them has memory."""
+    heights = {one: end.estimate.aicc for one, end in ends.items()}
+    coloured = any(a.size for end in ends.values() for a in end.estimate.noise_model)
+    judged = len(ends) > 1 and coloured and bool(np.isfinite(list(heights.values())).all())
+    used = last
+    if judged:
+        used = min(heights, key=lambda one: heights[one])
+        used = suggested if heights[suggested] < heights[used] + TIE else used
+    estimate, seen, found = ends[used]
+    if judged:
+        above = {one: height - heights[used] for one, height in heights.items()}
+        searched = {one: np.asarray(end.estimate.theta) for one, end in ends.items()}
+        found = replace(found, above=found.above | above, searched=searched)
+    return estimate, seen, found, (found.in_words(),)
 
 
 def beside_stated(estimate: Estimate, records: Sequence[Record]) -> Behaviours | None:
@@ -151,6 +187,9 @@ def with_judgement(
     told : sequence of str
         Further decisions for its trace.
     """
+    said = (*told, *still_references(estimate, records))
+    trace = replace(estimate.trace, decisions=(*estimate.trace.decisions, *said))
+    estimate = estimate.saying(trace=trace)
     seen = explained_records(estimate, records)
     if seen is None:
         of_the_plant = coefficient_findings(estimate, list(records))
@@ -162,9 +201,7 @@ def with_judgement(
             kept = estimate.findings
             found = tuple(one for one in found if one.code not in ANSWERED or one in kept)
             found = ranked([*found, *reference_findings(estimate, seen, records)])
-    said = (*told, *still_references(estimate, records))
-    trace = replace(estimate.trace, decisions=(*estimate.trace.decisions, *said))
-    return estimate.saying(findings=found, trace=trace, call=as_call(method))
+    return estimate.saying(findings=found, call=as_call(method))
 
 
 def checked_method(method: object) -> Method:

@@ -19,7 +19,10 @@ const MOST_STRETCHES = 200; // more of them make no list that is read
 
 /** Code of a finding, what its remedy says, and the options that this comes to: a row each. */
 const REMEDIES = [
-  ["intersample", /^State intersample='/, { intersample: "auto" }],
+  ["intersample", /^State intersample='.*'auto'/, { intersample: "auto" }],
+  ["intersample", /^State intersample='zoh' \(.*\)\.$/, { intersample: "zoh" }],
+  ["intersample", /^State intersample='foh' \(.*\)\.$/, { intersample: "foh" }],
+  ["intersample", /^State intersample='band-limited' \(.*\)\.$/, { intersample: "band-limited" }],
   ["delay", /delay='free'/, { delay: "free" }],
   ["drift", /^(Estimate|Try) a drift (along )?\(drift=True/, { drift: "yes" }],
   ["drift", /^Estimate an offset \(offset=True/, { offset: "yes" }],

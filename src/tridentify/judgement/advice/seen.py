@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tridentify.errors import TridentifyError
+from tridentify.judgement.causes.intersample import BEHAVIOURS, is_staircase
 from tridentify.judgement.causes.parallel import Parallel, WhitenedFit, p_value
 from tridentify.judgement.causes.surprises import moved, small_surprises
 from tridentify.numerics.arrays import Array
@@ -206,9 +207,12 @@ def feedback_seen(parallel: Parallel, fit: WhitenedFit) -> float:
 
 def behaviours_seen(parallel: Parallel, fit: WhitenedFit) -> dict[Behaviour, float]:
     """``-2 log L`` of every behaviour of the inputs that the records allow."""
-    options: tuple[Behaviour, ...] = ("zoh", "foh", "band-limited")
+    present = parallel.records[0].behaviour
+    repeats = is_staircase(parallel.records)
     found: dict[Behaviour, float] = {}
-    for behaviour in options:
+    for behaviour in BEHAVIOURS:
+        if repeats and behaviour == "band-limited" != present:
+            continue  # as `identify`: no measured signal repeats its values
         try:
             records = tuple(record.between(behaviour) for record in parallel.records)
         except TridentifyError:

@@ -37,7 +37,7 @@ from tridentify.judgement.advice.seen import (
 )
 from tridentify.judgement.advice.slow import drift_seen, wanders
 from tridentify.judgement.causes.first_samples import beginning
-from tridentify.judgement.causes.intersample import CLEARLY, IN_WORDS, TIE, clear_fall, is_staircase
+from tridentify.judgement.causes.intersample import AUTO, CLEARLY, IN_WORDS, needed_fall
 from tridentify.judgement.causes.wild_beginning import without_wild_beginning
 from tridentify.judgement.cautions.sensors import seen_in
 from tridentify.judgement.cautions.tones import tone_finding
@@ -210,8 +210,7 @@ def _between(
     best = min(above, key=lambda name: above[name])
     # a staircase is held unless the record says clearly that it is not
     count = len(outputs) * sum(record.n_samples for record in records)
-    margin = clear_fall(count, True) if is_staircase(records) else TIE
-    if present in above and above[present] < margin:
+    if present in above and above[present] < needed_fall(records, count):
         best = present
     return {name: value - above[best] for name, value in above.items()}, best
 
@@ -331,7 +330,7 @@ def _of_behaviour(
             "warning",
             f"The input is stated as {IN_WORDS[stated]}; {IN_WORDS[best]} explains the record "
             f"clearly better (-2 log L lower by {above[stated]:.3g}).",
-            f"State intersample={best!r} (--intersample {best}), or 'auto'.",
+            f"State intersample={best!r} (--intersample {best}){AUTO}.",
         )
     ]
 

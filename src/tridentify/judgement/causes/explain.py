@@ -22,6 +22,7 @@ from tridentify.judgement.causes.explanation import CLEARLY, Explanation, Explan
 from tridentify.judgement.causes.feedback import reacts
 from tridentify.judgement.causes.gains import gain_rivals
 from tridentify.judgement.causes.intersample import (
+    AUTO,
     BEHAVIOURS,
     IN_WORDS,
     is_staircase,
@@ -336,7 +337,7 @@ def _intersample_rivals(present: Present) -> list[Rival]:
                 "intersample",
                 other,
                 f"an input that is {IN_WORDS[behaviour]}, where it is taken as {IN_WORDS[now]}",
-                f"State intersample={behaviour!r} (--intersample {behaviour}), or 'auto'.",
+                f"State intersample={behaviour!r} (--intersample {behaviour}){AUTO}.",
             )
         )
     return found

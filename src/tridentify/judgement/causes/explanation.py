@@ -17,7 +17,7 @@ import numpy as np
 from tridentify.estimation.answer.finding import CODES
 from tridentify.judgement.causes.attempt import Attempt
 from tridentify.judgement.causes.feedback import Coming
-from tridentify.judgement.causes.intersample import MATERIAL, MATERIAL_STAIRCASE, is_staircase
+from tridentify.judgement.causes.intersample import clear_fall, seems_held
 from tridentify.judgement.causes.present import Present
 from tridentify.judgement.causes.rivals import Rival
 from tridentify.numerics.arrays import Array
@@ -198,18 +198,22 @@ class Explanations:
         return max(bends, default=0.0) > AS_MUCH * one.gain
 
     def _is_needless(self, one: Explanation) -> bool:
-        """Whether two remedies together explain hardly more than one of them alone.
+        """Whether another behaviour, or two remedies together, bring hardly more than nothing else.
 
-        They have as many unknowns: the smallest change that explains the record is the one to make.
-        An input that repeats its values is held, whatever a likelihood leans to.
+        Two remedies together have as many unknowns as one of them alone: the smallest change that
+        explains the record is the one to make. An input that seems to be held is held, whatever a
+        likelihood leans to, as where its behaviour is left open.
         """
-        if one.rival.changes < 2:
+        rival = one.rival
+        alone = rival.changes < 2
+        if alone and (rival.code != "intersample" or not rival.refits):
             return False
+        held = seems_held(rival.parts[0].records)
+        if alone:
+            return held and one.gain < clear_fall(int(self.present.count), held)
         codes = ("intersample", "delay")
-        alone = [e.gain for e in self.found if e.rival.code in codes and e.rival.changes < 2]
-        most = max(alone, default=0.0)
-        material = MATERIAL_STAIRCASE if is_staircase(one.rival.parts[0].records) else MATERIAL
-        return one.gain < most + max(CLEARLY, material * self.present.count)
+        singles = [e.gain for e in self.found if e.rival.code in codes and e.rival.changes < 2]
+        return one.gain < max(singles, default=0.0) + clear_fall(int(self.present.count), held)
 
     def _is_shared(self, one: Explanation) -> bool:
         """Whether rows seem lost where something else explains much of the same."""

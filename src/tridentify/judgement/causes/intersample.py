@@ -7,8 +7,8 @@ behaviours have as many unknowns, so that ``-2 log L`` alone compares them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -24,11 +24,15 @@ from tridentify.judgement.causes.revisit import (
     stated,
     without_outliers,
 )
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.interpolation import FEWEST
 from tridentify.record.checks.samples import Behaviour, is_switched
 from tridentify.record.record import Record
 
 BEHAVIOURS: tuple[Behaviour, ...] = ("zoh", "foh", "band-limited")
+
+AUTO = ", or 'auto'"
+"""What stands beside a behaviour that is advised where one was stated."""
 
 IN_WORDS = {
     "zoh": "held between its samples (zoh)",
@@ -39,6 +43,9 @@ IN_WORDS = {
 LONGEST = 20_000
 """Samples of each record that are compared: more would not change a clear answer. A sine that
 sweeps upwards, a record of ten thousand samples, shows it in its second half alone."""
+
+TAKEN = "input taken as "
+"""How the trace of an estimate says what was found where the behaviour was left open."""
 
 HOPELESS = 10.0
 """-2 log L above the present one, as a first step promises, from which a behaviour is not followed
@@ -61,6 +68,13 @@ REPEATS = 0.5
 """Share of steps without movement from which an input is a staircase: exact repeats do not happen
 in a measured signal, so that it takes a clear answer not to call it held, and it is never
 band-limited."""
+
+CLEARLY_BETTER = "clearly better"
+
+SLOPES = 0.75
+"""Share of an input's moves that go on in the direction of a neighbouring one, from which it moves
+on slopes: none of the moves of a command that is held for two samples and more does, and seven of
+twelve where its levels come by chance."""
 
 UNDECIDED = 6.0
 """Rise of -2 log L (odds of 20 to 1) up to which a behaviour that nobody stated is one of two."""
@@ -98,11 +112,14 @@ class Behaviours:
     attempts : dict of str to Attempt
         Those that were fitted; the present one among them where any was.
     staircase : bool
-        Whether the inputs repeat their values at most samples, or one is switched.
+        Whether the inputs seem to be held (`seems_held`), or one is switched.
     count : int
         Samples of all outputs.
     stated : bool
         Whether the present one was stated, and not found.
+    searched : dict of str to (n_coefficients,) array
+        Coefficients of those that were searched for by themselves, each with its own model of the
+        noise: AICc compares these, and takes the place of ``-2 log L`` in `above`.
     """
 
     present: Behaviour
@@ -111,6 +128,7 @@ class Behaviours:
     staircase: bool
     count: int
     stated: bool = False
+    searched: Mapping[Behaviour, Array] = field(default_factory=dict)
 
     @property
     def clearly(self) -> float:
@@ -134,6 +152,12 @@ class Behaviours:
         gained = np.subtract(self.attempts[self.best].fits, self.attempts[self.present].fits)
         return self.present if np.min(gained) < -FIT_LOST else self.best
 
+    def ended(self, one: Behaviour) -> Array | None:
+        """Coefficients with a behaviour; None where it is hopeless."""
+        if one in self.searched:
+            return self.searched[one]
+        return coefficients(self.attempts[one].point) if one in self.attempts else None
+
     def in_words(self) -> str:
         """What the present behaviour has over the others."""
         others = [
@@ -141,8 +165,9 @@ class Behaviours:
             for other, more in self.above.items()
             if other != self.present
         ]
-        told = f" (of -2 log L: {', '.join(others)})" if others else ""
-        return f"input taken as {IN_WORDS[self.present]}{told}"
+        by = "AICc, each with its own noise model" if self.searched else "-2 log L"
+        told = f" (of {by}: {', '.join(others)})" if others else ""
+        return f"{TAKEN}{IN_WORDS[self.present]}{told}"
 
 
 def behaviours(estimate: Estimate, records: Sequence[Record]) -> Behaviours | None:
@@ -175,11 +200,13 @@ def behaviours(estimate: Estimate, records: Sequence[Record]) -> Behaviours | No
     try:
         point = point_of(estimate, looked_at, stated(estimate))
         problem, poles, here = point.problem, point.poles, _promised(point)
-        steps = is_staircase(looked_at) or any(is_switched(record.u) for record in looked_at)
+        switched = any(is_switched(record.u) for record in looked_at)
+        repeats = switched or is_staircase(looked_at)
+        steps = switched or seems_held(looked_at)
         above: dict[Behaviour, float] = {first: 0.0}
         for behaviour in BEHAVIOURS:
             limited = behaviour == "band-limited"
-            if behaviour == first or (limited and (steps or not _allows_band_limited(problem))):
+            if behaviour == first or (limited and (repeats or not _allows_band_limited(problem))):
                 continue
             above[behaviour] = _promised(evaluate(_with(problem, behaviour), poles)) - here
     except (TridentifyError, np.linalg.LinAlgError, FloatingPointError):
@@ -247,6 +274,96 @@ def is_staircase(records: Sequence[Record]) -> bool:
     return float(np.mean(np.concatenate(moved))) < REPEATS
 
 
+def seems_held(records: Sequence[Record]) -> bool:
+    """Whether the inputs repeat their values at most samples, and do not move on slopes.
+
+    What was set moves from one level to the next within a sample. An actuator that takes its time
+    was measured on the way; a ramp that was set step by step looks the same, so that the likelihood
+    has to tell.
+
+    Examples
+    --------
+    >>> held, moved = [0, 0, 0, 2, 2, 2, 0, 0, 0], [0, 0, 0, 1, 2, 2, 2, 2, 2]
+    >>> [seems_held([Record(u, np.zeros(9), dt=1.0)]) for u in (held, moved)]
+    [True, False]
+    """
+    return is_staircase(records) and not _on_slopes(records)
+
+
+def needed_fall(records: Sequence[Record], count: int) -> float:
+    """Fall of ``-2 log L`` from which another behaviour is used than the samples suggest.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    count : int
+        Samples of all outputs.
+    """
+    return clear_fall(count, True) if seems_held(records) else TIE
+
+
+def _on_slopes(records: Sequence[Record]) -> bool:
+    """Whether every input that moves goes on as it went at most of its moves."""
+    steps = [np.diff(record.u, axis=0) for record in records]
+    moves = np.sum([np.sum(own != 0.0, axis=0) for own in steps], axis=0)
+    going = np.sum([_going_on(own) for own in steps], axis=0)
+    return bool(moves.any() and np.all(going >= SLOPES * moves))
+
+
+def _going_on(steps: Array) -> Array:
+    """(n_inputs,) moves in the direction of the one before or after."""
+    alike = np.sign(steps[1:]) * np.sign(steps[:-1]) > 0.0
+    none = np.zeros((1, steps.shape[1]), dtype=bool)
+    beside = np.concatenate([none, alike]) | np.concatenate([alike, none])
+    return np.asarray(np.sum(beside, axis=0))
+
+
+def in_doubt(found: Behaviours, estimate: Estimate) -> list[Behaviour]:
+    """Behaviours to be searched for by themselves before one is taken.
+
+    They were compared with noise models of the present one's order, and from the poles where it
+    ended. Where the noise has memory that speaks for the present one; it is no matter where the
+    answer is clear, or nothing hangs on it.
+
+    Parameters
+    ----------
+    found : Behaviours
+    estimate : Estimate
+        With the present behaviour.
+    """
+    if found.staircase or not any(a.size for a in estimate.noise_model):
+        return []
+    return [
+        one
+        for one in found.attempts
+        if one != found.present
+        and found.above[one] < HOPELESS
+        and _hanging(found, one, estimate) is not None
+    ]
+
+
+def _hanging(found: Behaviours, other: Behaviour, estimate: Estimate) -> tuple[int, float] | None:
+    """The coefficient that hangs most on which of two it is, and by how many standard errors."""
+    before, after = found.ended(found.present), found.ended(other)
+    if before is None or after is None:
+        return None
+    std = np.where(estimate.std > 0, estimate.std, np.inf)
+    sizes = np.abs(after - before) / std
+    sizes = np.where(np.abs(after - before) > NOTABLY * np.abs(before), sizes, 0.0)
+    k = int(np.argmax(sizes))
+    return None if sizes[k] < HANGS_ON_IT else (k, float(sizes[k]))
+
+
+def left_open(estimate: Estimate) -> bool:
+    """Whether the behaviour was found, and not stated."""
+    return any(told.startswith(TAKEN) for told in estimate.trace.decisions)
+
+
+def for_left_open(remedy: str, estimate: Estimate) -> str:
+    """A remedy without the advice to leave the behaviour open, where it was."""
+    return remedy.replace(AUTO, "") if left_open(estimate) else remedy
+
+
 def intersample_findings(estimate: Estimate, found: Behaviours) -> list[Finding]:
     """A word where another behaviour than the one stated explains the record clearly better."""
     fall = found.fall(found.best, found.present)
@@ -265,13 +382,18 @@ def intersample_findings(estimate: Estimate, found: Behaviours) -> list[Finding]
             "intersample",
             "warning" if sizes[k] > MATTERS else "note",
             f"The input is taken as {IN_WORDS[found.present]}; {IN_WORDS[found.best]} explains the "
-            f"record clearly better (-2 log L lower by {fall:.3g}).",
-            f"State intersample={found.best!r} (--intersample {found.best}), or 'auto', if the "
-            "input was not as stated.",
+            f"record {CLEARLY_BETTER} (-2 log L lower by {fall:.3g}).",
+            f"State intersample={found.best!r} (--intersample {found.best})"
+            + (f"{AUTO}, if the input was not as stated." if found.stated else "."),
             effect=f"With it: {estimate.names[k]} from {before:.4g} to {after:.4g} "
             f"({sizes[k]:.1f} standard errors), {fits}.",
         )
     ]
+
+
+def is_clearly_better(one: Finding) -> bool:
+    """Whether a finding is that a comparison without all other causes prefers a behaviour."""
+    return one.code == "intersample" and CLEARLY_BETTER in one.message
 
 
 def _undecided(estimate: Estimate, found: Behaviours) -> list[Finding]:
@@ -280,33 +402,29 @@ def _undecided(estimate: Estimate, found: Behaviours) -> list[Finding]:
     An input that repeats its values is held, whatever a likelihood leans to.
     """
     least = -LEANS if found.stated else UNDECIDED
-    near = [
-        other
-        for other in found.attempts
-        if other != found.present and found.above[other] < least and not found.staircase
-    ]
+    known = {*found.attempts, *found.searched} - {found.present}
+    near = [one for one in known if found.above[one] < least and not found.staircase]
     if not near:
         return []
     other = min(near, key=lambda one: found.above[one])
-    before, after = (coefficients(found.attempts[one].point) for one in (found.present, other))
-    std = np.where(estimate.std > 0, estimate.std, np.inf)
-    sizes = np.abs(after - before) / std
-    sizes = np.where(np.abs(after - before) > NOTABLY * np.abs(before), sizes, 0.0)
-    k = int(np.argmax(sizes))
-    if sizes[k] < HANGS_ON_IT:
+    hanging = _hanging(found, other, estimate)
+    before, after = found.ended(found.present), found.ended(other)
+    if hanging is None or before is None or after is None:
         return []
+    k, size = hanging
+    by = "AICc" if found.searched else "-2 log L"
     more = found.above[other]
     return [
         Finding(
             "intersample",
             "warning",
             f"The record does not tell whether the input is {IN_WORDS[found.present]}, as it is "
-            f"taken here, or {IN_WORDS[other]} (of -2 log L: {abs(more):.2g} "
+            f"taken here, or {IN_WORDS[other]} (of {by}: {abs(more):.2g} "
             f"{'higher' if more > 0 else 'lower'}); {estimate.names[k]} hangs on it.",
             "Find out what the input does between its samples and state it (intersample=, "
             "--intersample), or record faster.",
             effect=f"With the other: {estimate.names[k]} from {before[k]:.4g} to {after[k]:.4g} "
-            f"({sizes[k]:.1f} standard errors).",
+            f"({size:.1f} standard errors).",
         )
     ]
 

@@ -15,7 +15,11 @@ from tridentify.estimation.answer.finding import SEVERITIES, Finding, joined, sa
 from tridentify.judgement.causes.at_once import gain_findings
 from tridentify.judgement.causes.fewer import order_findings
 from tridentify.judgement.causes.first_samples import Predictions
-from tridentify.judgement.causes.intersample import Behaviours, intersample_findings
+from tridentify.judgement.causes.intersample import (
+    Behaviours,
+    intersample_findings,
+    is_clearly_better,
+)
 from tridentify.judgement.causes.rivals import ALONG
 from tridentify.judgement.causes.told_apart import loop_findings
 from tridentify.judgement.cautions.coefficients import coefficient_findings
@@ -33,7 +37,7 @@ from tridentify.judgement.cautions.stuck import CODE_FOR_MISSING, STANDS
 from tridentify.judgement.cautions.tones import tone_findings
 from tridentify.judgement.cautions.wraps import WRAPS_ROUND
 from tridentify.judgement.validation.assess import looked_at
-from tridentify.judgement.validation.explained import TRIED, WITHOUT_THEM
+from tridentify.judgement.validation.explained import HEADLINES, TRIED, WITHOUT_THEM
 from tridentify.record.record import Record
 
 
@@ -78,6 +82,7 @@ def judged(
         # other behaviours let an output follow the sample to come, as it does where that reacts,
         # and an input move within a gap: the tests compared both
         found = [one for one in found if one.code != "intersample"]
+    found = _beside_better(found, tested)
     loop = about_loop(estimate, records, tested)
     if any(one.severity == "error" for one in loop):
         # nothing else of such a response is the plant's
@@ -114,6 +119,19 @@ def judged(
         tested = [replace(one, severity="error") if one.remedy == ALONG else one for one in tested]
         first = []
     return joined([*first, *_with_trial(seen, tested)], tested, [*found, *seen])
+
+
+def _beside_better(found: Sequence[Finding], tested: Sequence[Finding]) -> list[Finding]:
+    """With another behaviour of the input as a note where the tests name a cause before it.
+
+    They fitted it beside all others, and it explains a part of what that cause explains.
+    """
+    others = [one for one in tested if one.code in HEADLINES and one.code != "intersample"]
+    if not any(one.matters and one.effect for one in others):
+        return list(found)
+    return [
+        replace(one, severity="note", remedy="") if is_clearly_better(one) else one for one in found
+    ]
 
 
 EXPLAIN = ("intersample", "delay", "feedback", "saturation", "order-low")

@@ -24,7 +24,7 @@ from tridentify.errors import DataError, TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.methods.base import Method, Progress, check_scale, check_signals
 from tridentify.estimation.methods.three_model import ThreeModel
-from tridentify.judgement.causes.intersample import behaviours
+from tridentify.judgement.causes.intersample import IN_WORDS, TAKEN, behaviours
 from tridentify.judgement.causes.wild_beginning import without_wild_beginning
 from tridentify.judgement.choice import checked_method, listed, with_judgement
 from tridentify.judgement.selection.beside import bent, drifting
@@ -59,7 +59,7 @@ from tridentify.judgement.selection.orders import (
     order_label,
 )
 from tridentify.judgement.selection.result import Selection, SelectionRow
-from tridentify.judgement.selection.settle import resettled, resettled_again, settle
+from tridentify.judgement.selection.settle import having_said, resettled, resettled_again, settle
 from tridentify.judgement.selection.shared import Shared, shared_models
 from tridentify.judgement.selection.table import SelectionTable, table_of
 from tridentify.judgement.selection.words import in_words, notes
@@ -159,6 +159,7 @@ def select_structure(
         free = candidates is None if integrators is None else integrators
         late = candidates is None if delays is None else delays
         work = _Work(settled.records, chosen, executor, say, settled.identified, free, late)
+        work = replace(work, left_open=bool(settled.told))
         opened = work.opened(structures)
         while candidates is None and (
             more := higher_candidates(work.records, structures, opened.table, chosen)
@@ -170,11 +171,11 @@ def select_structure(
             settled, work = other, replace(work, records=other.records, identified=None)
             opened = work.opened(structures)
         found = work.selection(structures, opened, settled.unseen, settled.told)
-        other = resettled_again(given, unseen, settled, found.recommended)
-        if other is None:
-            return found
-        work = replace(work, records=other.records, identified=None)
-        return work.selection(structures, work.opened(structures), other.unseen, other.told)
+        other = resettled_again(given, unseen, settled, found.recommended, chosen)
+        if other is not None:
+            work = replace(work, records=other.records, identified=None)
+            found = work.selection(structures, work.opened(structures), other.unseen, other.told)
+        return having_said(found, given, work.records, chosen)
 
 
 def _check_channels(records: Sequence[Record], unseen: Sequence[Record]) -> None:
@@ -201,7 +202,8 @@ class _Opened:
 class _Work:
     """What all stages need; ``free`` and ``late`` say which rows may join.
 
-    ``found`` holds poles from which candidates of as many begin, too.
+    ``found`` holds poles from which candidates of as many begin, too; ``left_open`` says that the
+    behaviour of the input was found.
     """
 
     records: tuple[Record, ...]
@@ -212,6 +214,7 @@ class _Work:
     free: bool = False
     late: bool = False
     found: tuple[Complex, ...] = ()
+    left_open: bool = False
 
     def run(self, function: Any, tasks: Iterable[Any], said: str) -> list[Any]:
         """All tasks, in their order."""
@@ -339,9 +342,9 @@ class _Work:
         assert row.estimate is not None
         self.say(f"what is to be said of {row.label}")
         between = behaviours(row.estimate, list(self.records))
-        return replace(
-            row, estimate=with_judgement(row.estimate, self.records, self.method, between)
-        )
+        told = (f"{TAKEN}{IN_WORDS[self.records[0].behaviour]}",) if self.left_open else ()
+        judged = with_judgement(row.estimate, self.records, self.method, between, told)
+        return replace(row, estimate=judged)
 
     def _missed(self, entry: Entry) -> bool:
         """Whether the residual, whitened by the estimate's noise model, follows the input."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,14 +13,15 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.methods.base import Method, Progress
 from tridentify.judgement.causes.intersample import (
     IN_WORDS,
+    Behaviours,
     behaviours,
     better_behaviour,
-    is_staircase,
+    seems_held,
 )
 from tridentify.judgement.choice import with_behaviour
 from tridentify.judgement.selection.finish_candidates import CandidateTask, run_task
 from tridentify.judgement.selection.orders import order_label
-from tridentify.judgement.selection.result import SelectionRow
+from tridentify.judgement.selection.result import Selection, SelectionRow
 from tridentify.judgement.selection.table import SelectionTable, table_of
 from tridentify.record.checks.samples import Behaviour
 from tridentify.record.record import Record
@@ -89,7 +90,7 @@ def resettled(
     found = behaviours(estimate, settled.records)
     if found is not None and found.advised != found.present:
         return _changed(records, unseen, found.advised, table.entries[place].structure)
-    return None if is_staircase(records) else _plainer(records, unseen, settled, table, method)
+    return None if seems_held(records) else _plainer(records, unseen, settled, table, method)
 
 
 def resettled_again(
@@ -97,12 +98,13 @@ def resettled_again(
     unseen: tuple[Record, ...],
     settled: SettledRecords,
     row: SelectionRow | None,
+    method: Method,
 ) -> SettledRecords | None:
     """Another behaviour, where the recommended candidate says another one: it may be a smaller one.
 
     The likeliest may have poles and zeros that make good for what the input is taken for. Whether
     an input is held, half an interval later than one that is not, is heard from the recommended one
-    as `identify` would hear it of that order; anything else where it is clearly better.
+    as `identify` hears it of that order; anything else where it is clearly better.
     """
     if not settled.told or row is None or row.estimate is None:
         return None
@@ -112,10 +114,54 @@ def resettled_again(
     told = any(one.code == "intersample" and one.matters for one in row.estimate.findings)
     to = found.advised if told else found.present
     if to == found.present:
-        to = better_behaviour(found, records[0].behaviour)
+        to = _identified(records, found, row, method)
         if "zoh" not in (to, found.present):
             return None
     return None if to == found.present else _changed(records, unseen, to, row.structure)
+
+
+def having_said(
+    selection: Selection, records: tuple[Record, ...], used: tuple[Record, ...], method: Method
+) -> Selection:
+    """The selection, with a word where `identify` takes another behaviour for the recommended row.
+
+    Parameters
+    ----------
+    selection : Selection
+    records, used : tuple of Record
+        As given, and with the behaviour of all candidates.
+    method : Method
+    """
+    row = selection.recommended
+    if row is None or row.estimate is None or not _are_open(records):
+        return selection
+    found = behaviours(row.estimate, used)
+    to = None if found is None else _identified(records, found, row, method)
+    if found is None or to is None or to == found.present:
+        return selection
+    word = (
+        f"of {row.label} alone, identify takes the input as {IN_WORDS[to]}: the record hardly "
+        "tells, or not alike for all orders; state intersample"
+    )
+    return replace(selection, notes=(word, *selection.notes))
+
+
+def _are_open(records: Sequence[Record]) -> bool:
+    return any(record.intersample == "auto" for record in records)
+
+
+def _identified(
+    records: tuple[Record, ...], found: Behaviours, row: SelectionRow, method: Method
+) -> Behaviour:
+    """What `identify` takes for the structure of a row, asked where another one is near."""
+    suggested = records[0].behaviour
+    if len(found.attempts) < 2 or not _are_open(records):
+        return better_behaviour(found, suggested)
+    try:
+        _, seen, *_ = with_behaviour(method, list(records), row.structure, None)
+    except (TridentifyError, np.linalg.LinAlgError, ValueError):
+        return better_behaviour(found, suggested)
+    return seen[0].behaviour
 
 
 def _changed(

@@ -188,7 +188,8 @@ def _stands(one: Finding, estimate: Estimate) -> bool:
     if one.code == "no-response":
         vague = all(error > VAGUE for name, error in errors.items() if name.startswith("b"))
         return vague and fit < NOT_FOLLOWED
-    return one.severity == "error" or one.code == "stuck-sensor"
+    between = one.code == "intersample" and estimate.route != "reference"
+    return one.severity == "error" or one.code == "stuck-sensor" or between
 
 
 def _with_what_was_said(

@@ -21,6 +21,7 @@ from tridentify.judgement.causes.explanation import (
     Explanations,
 )
 from tridentify.judgement.causes.fewer import unsure
+from tridentify.judgement.causes.intersample import for_left_open
 from tridentify.judgement.causes.lost import Place
 from tridentify.judgement.causes.present import Present
 from tridentify.judgement.validation.residuals import View
@@ -246,7 +247,8 @@ def finding_of(
         f"{where}: {rival.headline or HEADLINES[rival.code]}. {TRIED}, {rival.what} {verb} it best."
     )
     message += _not_told_from(found, explained)
-    remedy, effect = rival.advice, _effect(found, explained, estimate)
+    advice = for_left_open(rival.advice, estimate)
+    remedy, effect = advice, _effect(found, explained, estimate)
     if rival.code == "drift" and not (rival.refits or rival.headline):
         remedy, brings = _about_slow(explained, estimate)
         effect = f"{effect} {brings}".rstrip()
@@ -254,7 +256,7 @@ def finding_of(
         rival.code,
         "error" if rival.refits and rival.code in SPOILS else "warning",
         message,
-        remedy or rival.advice,
+        remedy or advice,
         tuple(outputs),
         times=rival.times,
         effect=effect,
