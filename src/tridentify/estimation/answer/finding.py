@@ -23,6 +23,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "not-excited": "the input does not move the system enough to tell its coefficients",
         "loop-not-excited": "a controller alone moves the input: nothing tells it from the plant",
         "constant-input": "an input never changes",
+        "interpolated": "a log that was interpolated: outputs lie on straight lines between others",
         "stuck-sensor": "a sensor or the recording hung, or repeats its values",
         "bad-samples": "samples that noise does not explain",
         "missing-samples": "samples that are not there",

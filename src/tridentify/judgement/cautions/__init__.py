@@ -32,6 +32,7 @@ from tridentify.judgement.cautions.stuck import CODE_FOR_MISSING, STANDS
 from tridentify.judgement.cautions.tones import tone_findings
 from tridentify.judgement.validation.assess import looked_at
 from tridentify.judgement.validation.explained import TRIED, WITHOUT_THEM
+from tridentify.judgement.validation.interpolated import beside_lines, interpolated_findings
 from tridentify.record.record import Record
 
 
@@ -108,7 +109,10 @@ def judged(
         # the line that was fitted along is what was not recorded
         tested = [replace(one, severity="error") if one.remedy == ALONG else one for one in tested]
         first = []
-    return joined([*first, *_with_trial(seen, tested)], tested, [*found, *seen])
+    made = [one for one in tested if one.code == "interpolated"]
+    made = made or interpolated_findings(records, estimate)
+    parts = ([*first, *_with_trial(seen, tested)], tested, [*found, *seen])
+    return joined(made, *(beside_lines(part, made) for part in parts))
 
 
 EXPLAIN = ("intersample", "delay", "feedback", "saturation", "order-low")
