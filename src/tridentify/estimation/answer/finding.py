@@ -33,6 +33,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "input-noise": "a recorded input carries noise that did not act",
         "intersample": "another behaviour of the input between its samples explains the record",
         "delay": "an input acts later, or earlier, than the model says",
+        "filtered": "outputs that were filtered forth and back, and inputs that were not",
         "feedback": "the input reacts to the output",
         "reference-reacts": "a reference reacts to the output",
         "saturation": "values at a limit of the sensor, its converter or the actuator",

@@ -12,6 +12,7 @@ import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import SEVERITIES, Finding, joined, same_thing
+from tridentify.judgement.causes.clocks import RUN_APART
 from tridentify.judgement.causes.fewer import order_findings
 from tridentify.judgement.causes.first_samples import Predictions
 from tridentify.judgement.causes.intersample import Behaviours, intersample_findings
@@ -72,9 +73,9 @@ def judged(
     found += response_as_noise(estimate)
     found += [] if between is None else intersample_findings(estimate, between)
     tested = list(looked_at(estimate, records, known)) if estimate.status.ok else []
-    if any(one.code in ("feedback", "lost-rows") and one.matters for one in tested):
-        # other behaviours let an output follow the sample to come, as it does where that reacts,
-        # and an input move within a gap: the tests compared both
+    if any(one.matters and _acts_early(one) for one in tested):
+        # other behaviours let an output follow the sample to come, and an input move within a gap:
+        # the tests compared both
         found = [one for one in found if one.code != "intersample"]
     loop = about_loop(estimate, records, tested)
     if any(one.severity == "error" for one in loop):
@@ -113,6 +114,11 @@ def judged(
     made = made or interpolated_findings(records, estimate)
     parts = ([*first, *_with_trial(seen, tested)], tested, [*found, *seen])
     return joined(made, *(beside_lines(part, made) for part in parts))
+
+
+def _acts_early(one: Finding) -> bool:
+    """Whether an output seems to follow the sample to come for another reason."""
+    return one.code in ("feedback", "lost-rows") or RUN_APART in one.message
 
 
 EXPLAIN = ("intersample", "delay", "feedback", "saturation", "order-low")
