@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from tridentify.judgement.causes.intersample import is_staircase
 from tridentify.judgement.causes.present import Present
 from tridentify.judgement.causes.rivals import LONG_ENOUGH, Rival, one
 from tridentify.judgement.causes.timing import quickly_fitted
@@ -45,6 +46,9 @@ def both_ways_rivals(present: Present) -> Iterator[Rival]:
     records = present.records
     if any(record.dt is None or record.n_samples < 2 * LONG_ENOUGH for record in records):
         return
+    # a smooth input shows no moves that an output could come before
+    if not is_staircase(records):
+        return
     found = [end for poles in POLES if (end := _best(present, poles)) is not None]
     if not found:
         return
@@ -59,8 +63,8 @@ def both_ways_rivals(present: Present) -> Iterator[Rival]:
         "filtered",
         part,
         what,
-        "Take the outputs as they were recorded, or filter the inputs alike: the same filter, forth "
-        "and back.",
+        "Take the outputs as they were recorded, or filter the inputs alike: the same filter, "
+        "forth and back.",
     )
     yield replace(
         rival, starts=((start, present.poles),), price=PRICE, exact=True, headline=BOTH_WAYS

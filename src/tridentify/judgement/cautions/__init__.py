@@ -118,7 +118,7 @@ def judged(
 
 def _acts_early(one: Finding) -> bool:
     """Whether an output seems to follow the sample to come for another reason."""
-    return one.code in ("feedback", "lost-rows") or RUN_APART in one.message
+    return one.code in ("feedback", "lost-rows", "filtered") or RUN_APART in one.message
 
 
 EXPLAIN = ("intersample", "delay", "feedback", "saturation", "order-low")
