@@ -18,7 +18,7 @@ from tridentify.judgement.causes.intersample import is_staircase
 from tridentify.judgement.causes.present import Present
 from tridentify.judgement.causes.rivals import LONG_ENOUGH, Rival, one
 from tridentify.judgement.causes.timing import quickly_fitted
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Complex
 
 POLES = (1, 2, 4)
 """Of the filter, before it is run back."""
@@ -71,9 +71,9 @@ def both_ways_rivals(present: Present) -> Iterator[Rival]:
     )
 
 
-def _best(present: Present, poles: int) -> tuple[float, int, float, Present, Array] | None:
+def _best(present: Present, poles: int) -> tuple[float, int, float, Present, Complex] | None:
     """``-2 log L`` a sample, poles and cut-off of the best filter, what it makes and the fit."""
-    known: dict[float, tuple[float, int, float, Present, Array]] = {}
+    known: dict[float, tuple[float, int, float, Present, Complex]] = {}
 
     def at(cut: float) -> float:
         if cut not in known:
