@@ -131,8 +131,9 @@ class _Line:
         when = f", y_start={start:.4g}" if start > 0.0 else ""
         advice = (
             "Give the outputs times of their own, those of the inputs' clock (Record.from_rates(u, "
-            f"{own}, u_dt={dt:.6g}, y_dt={step:.9g}{when})); the difference is known to about a tenth, so keep of the steps near it the one that "
-            "fits best. Record all channels on one clock."
+            f"{own}, u_dt={dt:.6g}, y_dt={step:.9g}{when})); "
+            "the difference is known to about a tenth, so keep of the steps near it the one that fits "
+            "best. Record all channels on one clock."
         )
         found = one("varying", self.part(middle, rate), what, advice)
         return replace(
