@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from tridentify.estimation.answer.finding import Finding
+from tridentify.judgement.validation.interpolated import interpolated_in
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.converter import quantum, runs
 from tridentify.numerics.robust import median_scale
@@ -313,7 +314,7 @@ def _jumps(x: Array) -> NDArray[np.bool_]:
 
 
 def gaps(record: Record, experiment: int | None) -> list[Finding]:
-    """Missing samples: those that are nan, and intervals that are too long.
+    """Missing samples: those that are nan or were made up, and intervals that are too long.
 
     Parameters
     ----------
@@ -321,7 +322,7 @@ def gaps(record: Record, experiment: int | None) -> list[Finding]:
     experiment : int or None
         Its position; None for the only one.
     """
-    found = []
+    found = interpolated_in(record, experiment)
     where = "" if experiment is None else f" in experiment {experiment + 1}"
     lost = np.isnan(record.y)
     if lost.any():

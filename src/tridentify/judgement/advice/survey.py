@@ -74,7 +74,7 @@ DRIFTS = 10.0
 SAME_TONE = 1.1
 """Highest over lowest tone of several records that count as one."""
 
-SPOILT = ("bad-samples", "stuck-sensor")
+SPOILT = ("bad-samples", "stuck-sensor", "interpolated")
 """Findings whose samples are left out of what follows."""
 
 OPEN_LOOP = (

@@ -16,7 +16,9 @@ from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
 from tridentify.judgement.causes.attempt import ROUNDING, ROUNDS, Attempt, attempt, promise
 from tridentify.judgement.causes.backlash import backlash_rivals
 from tridentify.judgement.causes.both import both_rivals
+from tridentify.judgement.causes.both_ways_filtered import both_ways_rivals
 from tridentify.judgement.causes.breaks import break_rivals
+from tridentify.judgement.causes.clocks import clock_rivals
 from tridentify.judgement.causes.delay import delay_rivals, neighbours, shifted
 from tridentify.judgement.causes.explanation import CLEARLY, Explanation, Explanations
 from tridentify.judgement.causes.feedback import reacts
@@ -292,11 +294,13 @@ def _rivals(
         (("channel-changes",), lambda: break_rivals(present, fitted)),
         (("delay",), lambda: late),
         (("delay",), lambda: early_rivals(present)),
+        (("filtered",), lambda: both_ways_rivals(present)),
         (("saturation",), lambda: saturation_rivals(present, fitted)),
         (("nonlinear",), lambda: nonlinear_rivals(present, fitted)),
         (("varying", "disagreeing-experiments"), lambda: varying_rivals(present)),
         (("varying",), lambda: gain_rivals(present)),
         (("varying",), lambda: wandering_rivals(present, late)),
+        (("varying",), lambda: clock_rivals(present)),
         (("drift",), lambda: drift_rivals(present)),
         (("drift",), lambda: slow_rivals(present)),
         (("drift",), lambda: periodic_rivals(present, fitted)),

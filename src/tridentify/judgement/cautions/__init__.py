@@ -13,6 +13,7 @@ import numpy as np
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import SEVERITIES, Finding, joined, same_thing
 from tridentify.judgement.causes.at_once import gain_findings
+from tridentify.judgement.causes.clocks import RUN_APART
 from tridentify.judgement.causes.fewer import order_findings
 from tridentify.judgement.causes.first_samples import Predictions
 from tridentify.judgement.causes.intersample import (
@@ -38,6 +39,7 @@ from tridentify.judgement.cautions.tones import tone_findings
 from tridentify.judgement.cautions.wraps import WRAPS_ROUND
 from tridentify.judgement.validation.assess import looked_at
 from tridentify.judgement.validation.explained import HEADLINES, TRIED, WITHOUT_THEM
+from tridentify.judgement.validation.interpolated import beside_lines, interpolated_findings
 from tridentify.record.record import Record
 
 
@@ -78,9 +80,9 @@ def judged(
     found += response_as_noise(estimate)
     found += [] if between is None else intersample_findings(estimate, between)
     tested = list(looked_at(estimate, records, known)) if estimate.status.ok else []
-    if any(one.code in ("feedback", "lost-rows") and one.matters for one in tested):
-        # other behaviours let an output follow the sample to come, as it does where that reacts,
-        # and an input move within a gap: the tests compared both
+    if any(one.matters and _acts_early(one) for one in tested):
+        # other behaviours let an output follow the sample to come, and an input move within a gap:
+        # the tests compared both
         found = [one for one in found if one.code != "intersample"]
     found = _beside_better(found, tested)
     loop = about_loop(estimate, records, tested)
@@ -118,7 +120,15 @@ def judged(
         # the line that was fitted along is what was not recorded
         tested = [replace(one, severity="error") if one.remedy == ALONG else one for one in tested]
         first = []
-    return joined([*first, *_with_trial(seen, tested)], tested, [*found, *seen])
+    made = [one for one in tested if one.code == "interpolated"]
+    made = made or interpolated_findings(records, estimate)
+    parts = ([*first, *_with_trial(seen, tested)], tested, [*found, *seen])
+    return joined(made, *(beside_lines(part, made) for part in parts))
+
+
+def _acts_early(one: Finding) -> bool:
+    """Whether an output seems to follow the sample to come for another reason."""
+    return one.code in ("feedback", "lost-rows", "filtered") or RUN_APART in one.message
 
 
 def _beside_better(found: Sequence[Finding], tested: Sequence[Finding]) -> list[Finding]:

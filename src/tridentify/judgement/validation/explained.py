@@ -13,6 +13,7 @@ from tridentify.estimation.answer.trace import FAR_LIKELIER
 from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
 from tridentify.estimation.likelihood.nuisance import Nuisances
 from tridentify.judgement.causes.attempt import Attempt
+from tridentify.judgement.causes.clocks import RUN_APART
 from tridentify.judgement.causes.explain import explain, moved, settle
 from tridentify.judgement.causes.explanation import (
     CLEARLY,
@@ -24,6 +25,7 @@ from tridentify.judgement.causes.fewer import unsure
 from tridentify.judgement.causes.intersample import for_left_open
 from tridentify.judgement.causes.lost import Place
 from tridentify.judgement.causes.present import Present
+from tridentify.judgement.causes.rivals import Rival
 from tridentify.judgement.validation.residuals import View
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
@@ -254,13 +256,18 @@ def finding_of(
         effect = f"{effect} {brings}".rstrip()
     return Finding(
         rival.code,
-        "error" if rival.refits and rival.code in SPOILS else "warning",
+        "error" if _spoils(rival) else "warning",
         message,
         remedy or advice,
         tuple(outputs),
         times=rival.times,
         effect=effect,
     )
+
+
+def _spoils(rival: Rival) -> bool:
+    """Whether the numbers are wrong with a cause, and are put right by its remedy."""
+    return rival.refits and (rival.code in SPOILS or rival.headline == RUN_APART)
 
 
 def _about_slow(explained: Explanations, estimate: Estimate) -> tuple[str, str]:

@@ -46,6 +46,9 @@ LONG = 20_000
 differs from it where samples are few."""
 WORTH_DRAWING = 0.005
 """p-value of a likelihood ratio above which its mean is not worked out."""
+OVERFLOWS = 1e100
+"""A whitened residual that large is none: the noise was filtered until some frequencies are empty,
+and its model amplifies rounding without bound. White weights are taken then."""
 DRAWS, BATCH = 40, 10
 """Of noise, for the mean of a likelihood ratio, at most and at a time: all together are good to a
 tenth for four columns."""
@@ -93,6 +96,9 @@ class Fitted:
             both = output.white([np.column_stack([c / self._norms, r]) for c, r in beside], noise)
             # the triangle of the columns and the residual beside them is all that is needed
             r, white = triangle(both), both[:, -1]
+            if not np.isfinite(r).all():
+                # noise that was filtered until hardly anything is left of some frequencies
+                return self.left(output, noise[:0])
             own, rows = self.basis(r)
             along = rows.T @ r[:, -1]
         else:
@@ -228,6 +234,9 @@ def _deviance(output: Output, fitted: Fitted, order: int, most: int) -> tuple[fl
     for _ in range(ROUNDS):
         noise = modelled(output, fitted, noise, most, 0, order)
     e, basis = whitened(output, noise, fitted.columns)
+    if not np.abs(e).max(initial=0.0) < OVERFLOWS:
+        noise = noise[:0]
+        e, basis = whitened(output, noise, fitted.columns)
     scale = sum(whiten(one, noise)[1] for one in output.residual)
     n = output.count
     return n * float(np.log(max(float(e @ e) / n, 1e-300))) + scale, basis.shape[1]

@@ -20,6 +20,7 @@ from tridentify.judgement.causes.feedback import (
     coming,
     forecasts_react,
 )
+from tridentify.judgement.causes.interpolated import interpolated
 from tridentify.judgement.causes.intersample import is_staircase
 from tridentify.judgement.causes.lost import LEAST_PIECE, Place, after_gaps, jumps
 from tridentify.judgement.validation.distribution import distribution
@@ -256,7 +257,9 @@ def _tried(
         or any(suspicious(view, i, setting.estimate) for i in outputs)
     )
     stepped = any(steps(own) for output in view.outputs for own in output.residual)
-    if torn or called or hinted or stepped or may_react(view):
+    # lines between recorded samples look like most causes
+    lines = any(map(interpolated, view.records))
+    if not lines and (torn or called or hinted or stepped or may_react(view)):
         noises = [one.noise for one in evidence]
         explained = explanations(view, setting.estimate, noises, torn, known=known)
     evidence = _reacting(view, evidence, explained)

@@ -17,6 +17,7 @@ from tridentify.judgement.validation.explained import (
     is_little_beside_colour,
     of_sampling,
 )
+from tridentify.judgement.validation.interpolated import beside_lines, interpolated_findings
 from tridentify.judgement.validation.known_causes import KnownCauses
 from tridentify.judgement.validation.likelihood_ratio import CALLED
 from tridentify.judgement.validation.noise_findings import (
@@ -135,7 +136,8 @@ def findings(
         found += carried_findings(view, transfer, rejected)
     if beside.estimate.route == "direct":
         found = [_as_noise(one) if one.code == "drift" else one for one in found]
-    return ranked(beyond_steps(found, view))
+    made = interpolated_findings(view.records, beside.estimate if view.own else None)
+    return ranked([*made, *beside_lines(beyond_steps(found, view), made)])
 
 
 def _as_noise(drift: Finding) -> Finding:
