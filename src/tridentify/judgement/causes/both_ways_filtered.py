@@ -123,7 +123,7 @@ def forth_and_back(u: Array, poles: int, cut: float) -> Array:
     --------
     >>> u = np.repeat([0.0, 1.0], 50)[:, None]
     >>> forth_and_back(u, 2, 0.3)[[0, 48, 49, 50, 51, 99], 0].round(2) + 0.0
-    array([0.  , 0.06, 0.3 , 0.7 , 0.94, 1.  ])
+    array([0.  , 0.1 , 0.34, 0.66, 0.9 , 1.  ])
     """
     n = u.shape[0]
     beyond = min(n - 1, int(10.0 / cut) + 10)

@@ -74,6 +74,8 @@ def table_place(lines: Sequence[str], place: int) -> Place | None:
     """
     if sum(map(len, lines)) > MOST_CHARACTERS or _followed(lines, place):
         return None
+    if lines[place].count('"') % 2:
+        return None  # a quoted name that goes on in the next line
     kinds = {sep: _runs([cells_of(line, sep) for line in lines]) for sep in SEPARATORS}
     found = [(run, sep) for sep, runs in kinds.items() for run in runs if run.length >= AGREEING]
     for run, separator in sorted(found, key=lambda one: (-one[0].length, -len(one[0].numbers))):
