@@ -322,6 +322,7 @@ def test_a_dither_alone_at_the_input():
 
 
 @pytest.mark.unjudged
+@pytest.mark.slow
 def test_a_controller_that_saturates():
     record = record_of(14, limit=2.0, n=800)
     assert np.mean(np.abs(record.u) == 2.0) > 0.05

@@ -148,6 +148,7 @@ def test_first_order_and_a_zero():
     assert np.all(np.abs(estimate.theta - [-1.0, 2.0]) < 4.0 * estimate.std)
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_and_two_experiments_know_more():
     one, two = flown(7, [1.0, 0.5, -1.5]), flown(8, [1.0, 0.5, -1.5])
     alone = identify(one, Structure(2, 0))

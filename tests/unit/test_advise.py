@@ -230,6 +230,7 @@ def test_rows_that_were_lost_from_a_measured_record():
     assert lost.times == pytest.approx((300 * DT,))
 
 
+@pytest.mark.slow
 def test_experiments_together(good):
     u = held(21)
     other = Record(u, 3.0 + noisy(21, u), dt=DT, input_names=["elevator"], output_names=["q"])

@@ -55,6 +55,7 @@ def driven(kind, seed):
     "seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in range(2, 6))]
 )
 @pytest.mark.fast("1-behind-*")
+@pytest.mark.slow
 def test_play_is_told_from_friction(kind, said, seed):
     found = first_of(driven(kind, seed))
     if not said:
@@ -108,6 +109,7 @@ def test_blows_of_a_hammer_are_no_bend(seed):
     assert codes[0] in ("input-noise", "intersample")
 
 
+@pytest.mark.slow
 def test_noise_of_an_input_at_rest_is_named():
     found = first_of(struck(1, size=1.0, blows=3, seconds=1.5))
     assert found.code == "input-noise"

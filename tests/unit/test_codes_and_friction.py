@@ -112,6 +112,7 @@ def test_an_input_that_rests_at_nothing_is_not_cut_off():
 
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.fast("1")
+@pytest.mark.slow
 def test_an_encoder_of_a_drive_that_friction_stops_has_not_hung(seed):
     """It leaves standstill by several of its steps at once, and goes on from where it stood."""
     n, dt, gain, tau, step = 2000, 0.005, 2.0, 0.08, 2.0 * np.pi / 1000.0

@@ -26,6 +26,7 @@ def first_and_all(seed: int, n: int, root: float, ramp: float) -> tuple[str, lis
     return (found[0] if found else ""), found
 
 
+@pytest.mark.slow
 def test_a_ramp_is_a_drift_and_colour_stays_told() -> None:
     first, found = first_and_all(1, 500, 0.0, 0.5)
     assert (first, "noise-model" in found) == ("drift", False)

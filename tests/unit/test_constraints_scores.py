@@ -84,6 +84,7 @@ def test_directions_hold_all_of_the_information_and_nothing_is_left_along_them(
     ],
     ids=["a coefficient", "an integrator"],
 )
+@pytest.mark.slow
 def test_errors_grow_with_gusts(model, structure, truth, monkeypatch):
     seeds, method = range(6), OutputError(model)
     found = [identify(record(k, gusts, model), structure, method, throw=False) for k in seeds]

@@ -21,6 +21,7 @@ def record_of(seed: int) -> Record:
 
 
 @pytest.mark.parametrize("seed", [5, *(pytest.param(k, marks=pytest.mark.slow) for k in (6, 7))])
+@pytest.mark.slow
 def test_errors_reach_from_one_kind_to_the_other(seed):
     record, structure = record_of(seed), Structure(2, 1)
     found = identify(record, structure)

@@ -10,6 +10,7 @@ from tridentify import OutputError, Record, Structure, TransferFunction, identif
 pytestmark = pytest.mark.unjudged
 
 
+@pytest.mark.slow
 def test_the_shortest_of_equal_delays_is_taken():
     u = np.tile(np.repeat([1.0, -1.0], 25), 20)
     model = TransferFunction([6.0], [1.0, 2.0, 6.0], delay=0.05)

@@ -19,6 +19,7 @@ def record(num, den, delay: float = 0.0, seed: int = 0) -> Record:
     return Record(u, y + 0.1 * np.std(y) * rng.standard_normal((u.size, 1)), dt=1.0)
 
 
+@pytest.mark.slow
 def test_dead_time_is_recommended_in_place_of_poles_that_stand_for_it():
     given = record([2.0], [10.0, 1.0], 6.3)
     chosen = select_structure(given, CANDIDATES, delays=True).recommended

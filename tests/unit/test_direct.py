@@ -48,6 +48,7 @@ def off(estimate: Estimate) -> float:
 
 
 @pytest.mark.unjudged
+@pytest.mark.slow
 def test_white_noise_is_wrong_in_a_loop_and_the_direct_route_is_not(found):
     assert off(identify(in_loop(0), Structure(1, 0), ThreeModel(noise="white"))) > 5.0
     assert found.route == "direct"

@@ -209,6 +209,7 @@ def swept(seed: int, numerator: list[float] | None = None, n: int = 1000) -> Rec
 
 @pytest.mark.parametrize("count", [1, 4])
 @pytest.mark.fast("1")
+@pytest.mark.slow
 def test_a_force_that_is_measured_under_a_sweep_tells_a_direct_part(count: int) -> None:
     """Where operators miss too much of two resonances, only the candidates themselves tell."""
     assert sum(has_direct_part([swept(seed)]) for seed in range(count)) >= 0.75 * count

@@ -128,6 +128,7 @@ def test_a_long_multisine_reaches_what_the_spectrum_promises():
     np.testing.assert_allclose(ahead.relative, promised, rtol=0.02)
 
 
+@pytest.mark.slow
 def test_no_multisine_of_the_same_power_is_better():
     structure = Structure(2, 0, **REST)
     best = optimal_spectrum(SECOND, structure, noise_std=0.1)

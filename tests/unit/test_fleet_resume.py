@@ -90,6 +90,7 @@ def test_twenty_kills_at_random_moments(
     assert fleets.same(run.rows(), undisturbed)
 
 
+@pytest.mark.slow
 def test_a_worker_killed_meanwhile_costs_nothing(
     folder: Path, undisturbed: pl.DataFrame, tmp_path: Path
 ) -> None:

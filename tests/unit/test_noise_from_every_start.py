@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from tridentify import Record, Structure, ThreeModel, TransferFunction, simulate
 
@@ -26,6 +27,7 @@ def disturbed(seed):
     return Record(u, y + size * slow + noise, dt=DT, intersample="band-limited")
 
 
+@pytest.mark.slow
 def test_the_resonance_is_found_that_a_slow_disturbance_hides():
     estimate = ThreeModel().estimate([disturbed(0)], Structure(4, 2))
     fastest = estimate.model.poles[np.argmax(estimate.model.poles.imag)]

@@ -101,6 +101,7 @@ def test_a_map_that_is_one_to_one_is_solved_with_the_delta_method(fit):
     assert estimate.test_note() == ""
 
 
+@pytest.mark.slow
 def test_the_restriction_of_a_short_period_is_tested():
     model = resting(short_period())
     record = flown(short_period(), AIRCRAFT, 0.02, noise=0.1)

@@ -22,6 +22,7 @@ def _drawn(seed: int, order: int) -> Record:
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.unjudged
 @pytest.mark.fast("1")
+@pytest.mark.slow
 def test_zero_is_in_the_interval(order):
     """Of 8 records 7 at least; with the prior's word against the record's 5 of one pole's."""
     held, off = 0, []

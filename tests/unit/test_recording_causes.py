@@ -102,6 +102,7 @@ CASES = {
 
 @pytest.mark.parametrize("kind", CASES)
 @pytest.mark.fast("delay grows")
+@pytest.mark.slow
 def test_what_the_recording_did_is_named_first(kind):
     made, code, words = CASES[kind]
     u, y = made(np.random.default_rng(11))

@@ -76,6 +76,7 @@ def slow(findings):
     return [one for one in findings if one.code == "drift"]
 
 
+@pytest.mark.slow
 def test_a_drift_is_advised_where_it_explains_the_record():
     u, y = clean(3)
     y = y + 4.0 * np.linspace(0.0, 1.0, N) + wandering(4, 0.02)

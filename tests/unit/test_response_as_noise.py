@@ -35,6 +35,7 @@ def missed():
     return fitted(model, Structure(1, 0), 0.5)
 
 
+@pytest.mark.slow
 def test_it_is_told_where_white_weights_explain_far_more(missed):
     record, estimate = missed
     white = identify(record, Structure(1, 0), ThreeModel(noise="white", finish="likelihood"))

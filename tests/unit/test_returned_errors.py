@@ -74,6 +74,7 @@ def test_they_are_what_a_pass_makes_of_moved_coefficients():
     assert back[2, 2] > 1.15 * held[2, 2]
 
 
+@pytest.mark.slow
 def test_the_errors_are_widened_and_told():
     estimate = ThreeModel(controller="continuous").estimate([record_of(3)], STRUCTURE)
     assert any("hangs on the model" in one for one in estimate.trace.decisions)

@@ -49,6 +49,7 @@ def test_a_fitted_model_has_them_in_units_of_the_noise():
     np.testing.assert_allclose(found.values, scale * reference(), rtol=0.1)
 
 
+@pytest.mark.slow
 def test_noise_alone_stays_below_the_floor():
     rng = np.random.default_rng(1)
     u = np.repeat(rng.choice([-1.0, 1.0], 60), 5)

@@ -47,6 +47,7 @@ def rows_of(record: Record, *structures: Structure) -> list[SelectionRow]:
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.fast("0")
 @pytest.mark.unjudged
+@pytest.mark.slow
 def test_one_lag_and_two_get_a_delay_where_a_drift_hides_its_worth(seed: int) -> None:
     """Also beside a pole at zero that the drift made: the row with that pole free stands for it."""
     record = exchanger([32, seed])

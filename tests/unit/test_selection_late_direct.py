@@ -31,6 +31,7 @@ def rows(seen: Record) -> list[SelectionRow]:
     return found
 
 
+@pytest.mark.slow
 def test_it_is_tried_with_its_delay_where_nothing_explains_the_record() -> None:
     seen = record(1, 400, 14, direct=True)
     found = direct_and_delayed(rows(seen), 1, [seen])

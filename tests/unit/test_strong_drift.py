@@ -19,6 +19,7 @@ from tridentify.errors import DataError
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.fast("0")
+@pytest.mark.slow
 def test_a_drift_that_was_fitted_is_told_before_another_noise(seed):
     """The other model of the noise is likelier since it makes up for the drift."""
     rng = np.random.default_rng([823, seed])

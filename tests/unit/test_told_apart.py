@@ -122,6 +122,7 @@ def test_a_resistance_shows_its_current_and_is_no_controller():
 
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.slow
 def test_where_nothing_tells_the_plant_no_other_cause_has_a_remedy(seed):
     record = silent("P", 0, seed).record
     told = [one.code for one in identify(record, (2, 0), throw=False).findings]

@@ -21,6 +21,7 @@ def jittered(seed: int) -> Record:
 
 @pytest.mark.parametrize("seed", [0, 2])
 @pytest.mark.fast("0")
+@pytest.mark.slow
 def test_what_is_advised_can_be_done(seed: int) -> None:
     record = jittered(seed)
     estimate = identify(record, Structure(2, 0))
