@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -53,12 +54,17 @@ def left_by(setting: Setting, record: Record, theta: Array) -> Array:
     record : Record
     theta : (n_coefficients,) array
     """
-    left, tables = _parts_of(setting, record, theta)
+    return _without(*_parts_of(setting, record, theta))
+
+
+def _without(left: Array, tables: Sequence[Array]) -> Array:
+    """What is left of each output without its free responses and constant."""
+    found = np.array(left)
     for i, table in enumerate(tables):
-        seen = np.isfinite(left[:, i])
-        weights = np.linalg.lstsq(table[seen], left[seen, i], rcond=None)[0]
-        left[:, i] -= table @ weights
-    return left
+        seen = np.isfinite(found[:, i])
+        weights = np.linalg.lstsq(table[seen], found[seen, i], rcond=None)[0]
+        found[:, i] -= table @ weights
+    return found
 
 
 def _parts_of(setting: Setting, record: Record, theta: Array) -> tuple[Array, list[Array]]:
@@ -91,7 +97,7 @@ def gain_before(setting: Setting, record: Record, old: Array, new: Array) -> Sli
     for theta in (old, new):
         parts.append(_parts_of(setting, record, theta))
         yield
-    after = left_by(setting, record, new)
+    after = _without(*parts[1])
     for i in range(setting.n_outputs):
         yield
         a = autoregression(after[:, i])

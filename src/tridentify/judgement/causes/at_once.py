@@ -80,7 +80,7 @@ def _alone(estimate: Estimate, records: Sequence[Record], known: Predictions, ou
     table, target = np.vstack(tables), np.concatenate(targets)
     found = np.linalg.lstsq(table, target, rcond=1e-10)[0]
     alone = float(np.sum((target - table @ found) ** 2))
-    return bool(left > 0.0 and target.size * np.log(alone / left) < PRICE)
+    return left > 0.0 and alone < left * float(np.exp(PRICE / target.size))
 
 
 def _seen(series: Array, noise: Array) -> Array:

@@ -70,6 +70,7 @@ in a measured signal, so that it takes a clear answer not to call it held, and i
 band-limited."""
 
 CLEARLY_BETTER = "clearly better"
+"""How a message says that a comparison without other causes prefers another behaviour."""
 
 SLOPES = 0.75
 """Share of an input's moves that go on in the direction of a neighbouring one, from which it moves

@@ -103,7 +103,7 @@ def wrapped(y: Array, name: str) -> Seen | None:
         f"Output {name} jumps by {period:.6g} from one end of its range to the other and back, "
         f"{len(lost)} times (the first at sample {lost[0][0]}): {WRAPS_ROUND}, as an angle does, "
         "or a counter that overflows.",
-        f"Undo it: numpy.unwrap({name.split()[0]}, period={period:.6g}), before anything is made "
+        f"Undo it: numpy.unwrap(y, period={period:.6g}) on the column, before anything is made "
         "of it; or mark these samples as missing.",
         tuple(first for first, _ in lost),
         lost,
