@@ -27,7 +27,7 @@ def test_a_counter_that_overflows_is_told_first(seed):
     estimate = identify(record, Structure(2, 1), throw=False)
     for findings in (estimate.findings, validate(estimate, record).findings):
         first = next(one for one in findings if one.matters)
-        assert first.code == "stuck-sensor"
+        assert first.code == "wraps-round"
         assert "wraps round" in first.message
         assert "period=65.536" in first.remedy
         assert "Without them: fit" in first.effect

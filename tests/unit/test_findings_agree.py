@@ -233,3 +233,9 @@ def test_samples_that_were_left_out_are_not_called_missing():
     notes = validate(identify(gone, Structure(2, 0), ThreeModel(loss="huber")), gone).notes
     assert "4 samples are left out as bad" in notes
     assert "7 missing samples do not count" in notes
+
+
+def test_a_kind_is_one_of_those_that_are_documented():
+    assert Finding("varying", "error", "a", kind="clocks").kind == "clocks"
+    with pytest.raises(ValueError, match="found kind 'clock'; expected one of"):
+        Finding("varying", "error", "a", kind="clock")

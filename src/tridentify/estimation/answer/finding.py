@@ -24,6 +24,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "loop-not-excited": "a controller alone moves the input: nothing tells it from the plant",
         "constant-input": "an input never changes",
         "interpolated": "a log that was interpolated: outputs lie on straight lines between others",
+        "wraps-round": "a channel that jumps from one end of its range to the other and back",
         "stuck-sensor": "a sensor or the recording hung, or repeats its values",
         "bad-samples": "samples that noise does not explain",
         "missing-samples": "samples that are not there",
@@ -61,6 +62,18 @@ CODES: Mapping[str, str] = MappingProxyType(
 )
 """Code -> what it means, in the order in which findings of one severity are shown."""
 
+KINDS: Mapping[str, str] = MappingProxyType(
+    {
+        "": "what its code says",
+        "clocks": "of varying: clocks of the channels that run apart",
+        "friction": "of nonlinear: play or dry friction",
+        "held": "of stuck-sensor: friction may hold what moves",
+        "missing-code": "of stuck-sensor: a number that stands for a missing value",
+        "alone": "of intersample: compared with the present behaviour, beside no other cause",
+    }
+)
+"""Kind -> which case of a code it is, where other findings depend on that."""
+
 _RANK = {code: k for k, code in enumerate(CODES)}
 
 
@@ -87,6 +100,8 @@ class Finding:
     effect : str
         How much it matters: what the remedy brought when it was tried, or by how much the
         coefficients move.
+    kind : str
+        One of `KINDS`: which case of its code, for programs.
 
     Examples
     --------
@@ -103,12 +118,15 @@ class Finding:
     experiment: int | None = None
     times: tuple[float, ...] = ()
     effect: str = ""
+    kind: str = ""
 
     def __post_init__(self) -> None:
         if self.code not in CODES:
             raise ValueError(f"found code {self.code!r}; expected one of {', '.join(CODES)}")
         if self.severity not in SEVERITIES:
             raise ValueError(f"found severity {self.severity!r}; expected one of {SEVERITIES}")
+        if self.kind not in KINDS:
+            raise ValueError(f"found kind {self.kind!r}; expected one of {', '.join(KINDS)}")
         object.__setattr__(self, "outputs", tuple(self.outputs))
         object.__setattr__(self, "times", tuple(float(t) for t in self.times))
 

@@ -74,8 +74,11 @@ DRIFTS = 10.0
 SAME_TONE = 1.1
 """Highest over lowest tone of several records that count as one."""
 
-SPOILT = ("bad-samples", "stuck-sensor", "interpolated")
+SPOILT = ("bad-samples", "wraps-round", "stuck-sensor", "interpolated")
 """Findings whose samples are left out of what follows."""
+
+UNUSUAL = ("wraps-round", "stuck-sensor", "quantisation")
+"""Findings whose samples look bad for that reason."""
 
 OPEN_LOOP = (
     "If a controller was running open the loop, or add a test signal that is large against the "
@@ -231,7 +234,7 @@ def _of_samples(
         seen = seen_in(part, np.column_stack(fitted), variance, number)
         found += still
         found += [f for f in seen if not (f.code == "stuck-sensor" and f.outputs in told)]
-        repeats = {f.outputs for f in found if f.code in ("stuck-sensor", "quantisation")}
+        repeats = {f.outputs for f in found if f.code in UNUSUAL}
         for i, one in enumerate(left):
             if (names[i],) not in repeats:
                 found += bad_samples(part, i, one, number)

@@ -215,7 +215,7 @@ def _of_input(present: Present, j: int) -> Rival | None:
     what = f"play or dry friction of {2.0 * half:.3g} between {name} and what it drives"
     rival = one("nonlinear", _through(present, j, half), what, REMEDY, refits=False)
     # its width was chosen by hand, as it were, but is an unknown all the same
-    return replace(rival, price=2.0, calms=True)
+    return replace(rival, price=2.0, calms=True, kind="friction")
 
 
 def _through(present: Present, j: int, half: float) -> Present:

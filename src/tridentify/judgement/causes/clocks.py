@@ -22,9 +22,6 @@ from tridentify.judgement.causes.timing import moved_input, quickly_fitted
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import whiten
 
-RUN_APART = "the clocks of the channels run apart"
-"""What it is called, and known by."""
-
 FURTHEST = 5.0
 """Samples by which an output may come early; more is seen in a plot."""
 
@@ -141,7 +138,8 @@ class _Line:
             starts=((end.point.poles,),),
             price=PRICE,
             exact=True,
-            headline=RUN_APART,
+            headline="the clocks of the channels run apart",
+            kind="clocks",
         )
 
 

@@ -69,9 +69,6 @@ REPEATS = 0.5
 in a measured signal, so that it takes a clear answer not to call it held, and it is never
 band-limited."""
 
-CLEARLY_BETTER = "clearly better"
-"""How a message says that a comparison without other causes prefers another behaviour."""
-
 SLOPES = 0.75
 """Share of an input's moves that go on in the direction of a neighbouring one, from which it moves
 on slopes: none of the moves of a command that is held for two samples and more does, and seven of
@@ -383,18 +380,19 @@ def intersample_findings(estimate: Estimate, found: Behaviours) -> list[Finding]
             "intersample",
             "warning" if sizes[k] > MATTERS else "note",
             f"The input is taken as {IN_WORDS[found.present]}; {IN_WORDS[found.best]} explains the "
-            f"record {CLEARLY_BETTER} (-2 log L lower by {fall:.3g}).",
+            f"record clearly better (-2 log L lower by {fall:.3g}).",
             f"State intersample={found.best!r} (--intersample {found.best})"
             + (f"{AUTO}, if the input was not as stated." if found.stated else "."),
             effect=f"With it: {estimate.names[k]} from {before:.4g} to {after:.4g} "
             f"({sizes[k]:.1f} standard errors), {fits}.",
+            kind="alone",
         )
     ]
 
 
 def is_clearly_better(one: Finding) -> bool:
     """Whether a finding is that a comparison without all other causes prefers a behaviour."""
-    return one.code == "intersample" and CLEARLY_BETTER in one.message
+    return one.code == "intersample" and one.kind == "alone"
 
 
 def _undecided(estimate: Estimate, found: Behaviours) -> list[Finding]:

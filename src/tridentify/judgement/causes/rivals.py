@@ -105,6 +105,8 @@ class Rival:
         From where a fit to other samples ended to how it compares on those that were recorded.
     headline : str
         What it is called, where it is not what its code says.
+    kind : str
+        That of its finding.
     """
 
     code: str
@@ -120,6 +122,7 @@ class Rival:
     exact: bool = False
     behind: Callable[[Attempt], Attempt] | None = None
     headline: str = ""
+    kind: str = ""
 
 
 def one(code: str, present: Present, what: str, advice: str, *, refits: bool = True) -> Rival:
@@ -166,11 +169,11 @@ def nonlinear_rivals(present: Present, fitted: Sequence[Array]) -> Iterator[Riva
             yield one("nonlinear", other, what, advice, refits=False)
         slopes = [_smooth_slope(f[:, i]) for f in fitted]
         what = f"dry friction against the movement of {name}"
-        yield one("nonlinear", _rubbing(present, slopes), what, larger, refits=False)
+        yield _friction(_rubbing(present, slopes), what, larger)
         speeds = [_filled(f[:, i]) for f in fitted]
         if turns(np.concatenate(speeds)):
             what = f"dry friction against {name} itself, as of a speed"
-            yield one("nonlinear", _rubbing(present, speeds), what, larger, refits=False)
+            yield _friction(_rubbing(present, speeds), what, larger)
     den = np.asarray(np.poly(present.poles).real)
     for j, name in enumerate(records[0].input_names):
         for state in inner_states(den, float(present.delay[0, j]), records, j):
@@ -179,7 +182,11 @@ def nonlinear_rivals(present: Present, fitted: Sequence[Array]) -> Iterator[Riva
                 "friction between its parts)"
             )
             other = present.with_inputs(gripping(state), "non-linear", present.order - 1)
-            yield one("nonlinear", other, what, larger, refits=False)
+            yield _friction(other, what, larger)
+
+
+def _friction(present: Present, what: str, advice: str) -> Rival:
+    return replace(one("nonlinear", present, what, advice, refits=False), kind="friction")
 
 
 def _rubbing(present: Present, speeds: Sequence[Array]) -> Present:

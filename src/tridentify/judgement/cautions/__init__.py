@@ -13,7 +13,6 @@ import numpy as np
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import SEVERITIES, Finding, joined, same_thing
 from tridentify.judgement.causes.at_once import gain_findings
-from tridentify.judgement.causes.clocks import RUN_APART
 from tridentify.judgement.causes.fewer import order_findings
 from tridentify.judgement.causes.first_samples import Predictions
 from tridentify.judgement.causes.intersample import (
@@ -34,9 +33,7 @@ from tridentify.judgement.cautions.residual import (
     slow_findings,
 )
 from tridentify.judgement.cautions.sensors import sensor_findings
-from tridentify.judgement.cautions.stuck import CODE_FOR_MISSING, STANDS
 from tridentify.judgement.cautions.tones import tone_findings
-from tridentify.judgement.cautions.wraps import WRAPS_ROUND
 from tridentify.judgement.validation.assess import looked_at
 from tridentify.judgement.validation.explained import HEADLINES, TRIED, WITHOUT_THEM
 from tridentify.judgement.validation.interpolated import beside_lines, interpolated_findings
@@ -102,12 +99,12 @@ def judged(
         # a cause that was fitted says what is slow there
         found += with_drift_tried(slow_findings(estimate, records, known), estimate, records)
     step = records[0].duration / max(records[0].n_samples - 1, 1)
-    if any(one.code == "nonlinear" and "friction" in one.message for one in tested):
+    if any(one.kind == "friction" for one in tested):
         hung = [one for one in hung if not _may_be_held(one, records, step)]
     tested, seen = (_beside_hanging(one, hung, step) for one in (tested, seen))
-    if any(WRAPS_ROUND in one.message for one in hung):
+    if any(one.code == "wraps-round" for one in hung):
         tested = []  # whatever else it looks like is looked at when it is undone
-    if any(CODE_FOR_MISSING in one.message or WRAPS_ROUND in one.message for one in hung):
+    if any(one.kind == "missing-code" or one.code == "wraps-round" for one in hung):
         found = [one for one in found if one.code != "no-response"]  # it was not looked at yet
     seen = _beside_causes([*seen, *with_stuck_tried(hung, estimate, records, known)], tested)
     if all(not np.any(np.ptp(record.u, axis=0)) for record in records):
@@ -128,7 +125,7 @@ def judged(
 
 def _acts_early(one: Finding) -> bool:
     """Whether an output seems to follow the sample to come for another reason."""
-    return one.code in ("feedback", "lost-rows", "filtered") or RUN_APART in one.message
+    return one.code in ("feedback", "lost-rows", "filtered") or one.kind == "clocks"
 
 
 def _beside_better(found: Sequence[Finding], tested: Sequence[Finding]) -> list[Finding]:
@@ -171,7 +168,7 @@ def _may_be_held(one: Finding, records: Sequence[Record], step: float) -> bool:
         return False
     last = float(records[one.experiment or 0].t[-1])
     in_one = one.times[-1] - one.times[0] < (len(one.times) - 0.5) * step
-    return STANDS in one.message or (in_one and last - one.times[-1] < 0.5 * step)
+    return one.kind == "held" or (in_one and last - one.times[-1] < 0.5 * step)
 
 
 def _beside_hanging(

@@ -101,6 +101,10 @@ def brought(estimate: Estimate, before: Array, end: Attempt) -> str:
     return ", ".join(said)
 
 
+SPOILT_THERE = ("wraps-round", "stuck-sensor")
+"""What spoils samples that are known, so that an estimate without them can be made."""
+
+
 def with_stuck_tried(
     found: Sequence[Finding], estimate: Estimate, records: Sequence[Record], known: Predictions
 ) -> list[Finding]:
@@ -109,17 +113,17 @@ def with_stuck_tried(
     Parameters
     ----------
     found : sequence of Finding
-        Those of ``stuck-sensor`` get an effect.
+        Those of `SPOILT_THERE` get an effect.
     estimate : Estimate
     records : sequence of Record
         Those that were identified.
     known : Predictions
     """
-    if not any(one.code == "stuck-sensor" for one in found):
+    if not any(one.code in SPOILT_THERE for one in found):
         return list(found)
     stuck = [stuck_samples(estimate, record, e, known) for e, record in enumerate(records)]
     effect = _without(estimate, records, stuck, known)
-    return [replace(one, effect=effect) if one.code == "stuck-sensor" else one for one in found]
+    return [replace(one, effect=effect) if one.code in SPOILT_THERE else one for one in found]
 
 
 def with_drift_tried(

@@ -185,7 +185,14 @@ class _Place(NamedTuple):
         """The finding with its times [s]."""
         times = tuple(float(self.t[k]) for k in seen.samples)
         return Finding(
-            seen.code, seen.severity, seen.message, seen.remedy, outputs, self.experiment, times
+            seen.code,
+            seen.severity,
+            seen.message,
+            seen.remedy,
+            outputs,
+            self.experiment,
+            times,
+            kind=seen.kind,
         )
 
 

@@ -38,15 +38,11 @@ FEWEST_HANGING = 5
 """Equal samples in a row below which a sensor has not hung."""
 SMOOTHLY = 2.5
 """Steps of the converter by which a value is left without a jump: one of motion, one of noise."""
-CODE_FOR_MISSING = "a code for missing values"
-"""How a message says that: what a record with such values responds to is not known."""
 FAR_OFF = 10.0
 """Range of all other values by which one that is met again and again is away from them: a system
 does not get there in one sample, and back."""
 FEWEST_CODES = 3
 """Samples with such a value below which it is a spike."""
-STANDS = "and goes on from where it stood"
-"""How a message says that friction may hold what moves: it is dropped where that is named."""
 RARELY = 0.02
 """Runs of equal values a sample, below which values do not repeat by themselves."""
 LONG_RUN = 8
@@ -90,6 +86,7 @@ class Seen(NamedTuple):
     remedy: str
     samples: tuple[int, ...] = ()
     lost: tuple[tuple[int, int], ...] = ()
+    kind: str = ""
 
 
 def fast(residual: Array) -> float:
@@ -209,11 +206,13 @@ def hanging(
             "stuck-sensor",
             "warning",
             f"Output {name} stays at exactly one value {times} ({len(hung)} samples, the first "
-            f"from sample {hung[0]} on) while the model moves, {STANDS}: dry friction holds what "
-            "moves, or the sensor hung and its signal came back.",
+            f"from sample {hung[0]} on) while the model moves, and goes on from "
+            "where it stood: dry friction holds what moves, or the sensor hung and its signal came "
+            "back.",
             "If the sensor hung, mark these samples as missing (nan, record.mask; --mask).",
             hung,
             tuple(stuck),
+            "held",
         )
     return Seen(
         "stuck-sensor",
@@ -247,10 +246,11 @@ def coded(y: Array, name: str) -> Seen | None:
             "stuck-sensor",
             "error",
             f"Output {name} is exactly {value:g} in {at.size} samples (the first is sample "
-            f"{at[0]}), far from all others: {CODE_FOR_MISSING}.",
+            f"{at[0]}), far from all others: a code for missing values.",
             "Mark them as missing (nan, record.mask; --missing), before anything is made of them.",
             tuple(at.tolist()),
             tuple((int(k), 1) for k in at),
+            "missing-code",
         )
     return None
 

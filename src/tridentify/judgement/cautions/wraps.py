@@ -16,8 +16,6 @@ from tridentify.judgement.cautions.stuck import Seen
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.converter import quantum
 
-WRAPS_ROUND = "it wraps round"
-"""How a message says that: what such a record responds to is not known."""
 FEWEST = 2
 """Jumps below which it went out of its range once and did not come back."""
 ACROSS = 0.6
@@ -98,10 +96,10 @@ def wrapped(y: Array, name: str) -> Seen | None:
     lengths = np.diff(starts, append=away.size)
     lost = tuple((int(away[k]), int(n)) for k, n in zip(starts, lengths, strict=True))
     return Seen(
-        "stuck-sensor",
+        "wraps-round",
         "error",
         f"Output {name} jumps by {period:.6g} from one end of its range to the other and back, "
-        f"{len(lost)} times (the first at sample {lost[0][0]}): {WRAPS_ROUND}, as an angle does, "
+        f"{len(lost)} times (the first at sample {lost[0][0]}): it wraps round, as an angle does, "
         "or a counter that overflows.",
         f"Undo it: numpy.unwrap(y, period={period:.6g}) on the column, before anything is made "
         "of it; or mark these samples as missing.",

@@ -13,7 +13,6 @@ from tridentify.estimation.answer.trace import FAR_LIKELIER
 from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
 from tridentify.estimation.likelihood.nuisance import Nuisances
 from tridentify.judgement.causes.attempt import Attempt
-from tridentify.judgement.causes.clocks import RUN_APART
 from tridentify.judgement.causes.explain import explain, moved, settle
 from tridentify.judgement.causes.explanation import (
     CLEARLY,
@@ -262,12 +261,13 @@ def finding_of(
         tuple(outputs),
         times=rival.times,
         effect=effect,
+        kind=rival.kind,
     )
 
 
 def _spoils(rival: Rival) -> bool:
     """Whether the numbers are wrong with a cause, and are put right by its remedy."""
-    return rival.refits and (rival.code in SPOILS or rival.headline == RUN_APART)
+    return rival.refits and (rival.code in SPOILS or rival.kind == "clocks")
 
 
 def _about_slow(explained: Explanations, estimate: Estimate) -> tuple[str, str]:
