@@ -24,6 +24,7 @@ LEAST_PIECE = 40  # samples that tell a scale to a ninth
 QUIET = 0.1  # of the median scale: a piece at rest does not decide alone
 STEPS, SHORT = 3, 0.1  # of Gauss and Newton; of a standard error, for differences
 DRIVEN = 30.0  # of -2 log L
+LEAST_SEEN = 1e-9  # of a direction's energy over all rows: rounding of sums is far below
 
 
 def is_driven(setting: Setting, record: Record, theta: Array) -> bool:
@@ -122,13 +123,20 @@ def _whitened_rows(a: Array, left: Array, table: Array) -> Array:
 
 
 def _growing(rows: Array) -> Array:
-    """(k,) sum of squares that the columns leave of the last, over one row, two rows and so on."""
-    products = np.cumsum(rows[:, :, None] * rows[:, None, :], axis=0)
-    normal, sides = products[:, :-1, :-1].copy(), products[:, :-1, -1:]
-    where = np.arange(normal.shape[1])
-    normal[:, where, where] += 1e-9 * np.diagonal(products[-1])[:-1] + 1e-300
+    """(k,) sum of squares that the columns leave of the last, over one row, two rows and so on.
+
+    The columns are replaced by an orthonormal basis of theirs, by SVD: over all rows their products
+    are the identity, so that nothing is lost where two are nearly one. Over the first rows, which
+    cannot tell all of them, directions with less than `LEAST_SEEN` of their energy count for little.
+    """
+    left, sizes, _ = np.linalg.svd(rows[:, :-1], full_matrices=False)
+    told = sizes > max(rows.shape) * np.finfo(float).eps * sizes.max(initial=0.0)
+    based = np.column_stack([left[:, told], rows[:, -1]])
+    products = np.cumsum(based[:, :, None] * based[:, None, :], axis=0)
+    sides = products[:, :-1, -1:]
+    grams = products[:, :-1, :-1] + LEAST_SEEN * np.eye(int(told.sum()))
     return np.asarray(
-        products[:, -1, -1] - np.sum(sides * np.linalg.solve(normal, sides), axis=(1, 2))
+        products[:, -1, -1] - np.sum(sides * np.linalg.solve(grams, sides), axis=(1, 2))
     )
 
 
