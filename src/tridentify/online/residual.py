@@ -127,7 +127,7 @@ def _growing(rows: Array) -> Array:
 
     The columns are replaced by an orthonormal basis of theirs, by SVD: over all rows their products
     are the identity, so that nothing is lost where two are nearly one. Over the first rows, which
-    cannot tell all of them, directions with less than `LEAST_SEEN` of their energy count for little.
+    cannot tell all of them, those with less than `LEAST_SEEN` of their energy count for little.
     """
     left, sizes, _ = np.linalg.svd(rows[:, :-1], full_matrices=False)
     told = sizes > max(rows.shape) * np.finfo(float).eps * sizes.max(initial=0.0)
