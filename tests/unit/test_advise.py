@@ -134,6 +134,19 @@ def test_a_delay_with_its_range():
     assert found.ok
 
 
+@pytest.mark.parametrize("seed", [5, *(pytest.param(k, marks=pytest.mark.slow) for k in range(5))])
+def test_many_operators_do_not_stand_for_a_delay_before_two_lags(seed):
+    rng = np.random.default_rng([seed, 31])
+    u = np.repeat(rng.choice([-1.0, 1.0], 150), 4)
+    late = TransferFunction([27.8], [1.0, 10.6, 27.8], delay=0.15)
+    noise = lfilter([1.0], [1.0, -0.8], rng.standard_normal(600))
+    y = simulate(late, Record(u, u, dt=DT))[:, 0] + 0.03 * noise
+    (seen,) = advise(Record(u, y, dt=DT)).delays
+    assert seen.low - 1e-9 <= 0.15 <= seen.high + 1e-9
+    assert abs(seen.value - 0.15) < 0.6 * DT
+    assert seen.fall > 25.0
+
+
 def test_a_measured_input_stated_as_held():
     fine = lfilter([0.05], [1.0, -0.95], np.repeat(held(7), 10))
     y = simulate(SYSTEM, Record(fine, fine, dt=DT / 10))[::10, 0]

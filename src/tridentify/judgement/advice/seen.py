@@ -1,10 +1,11 @@
 """What the parallel model shows of a record: delays, feedback, the input between samples.
 
-Each is a comparison of two linear fits on the same whitened samples. A *delay* is where `-2 log L`
-is lowest over delayed inputs, the operators' pole free again at each; its range is where it is less
-than 4 higher (95 %). *Feedback* is a share of the innovations that only later inputs explain: where
-the input does not react to the output there is none (Sims 1972). The input between its samples is
-compared by `-2 log L`.
+Each is a comparison of two linear fits on the same whitened samples. A *delay* is where Schwarz's
+criterion is lowest over delayed inputs, the operators' pole and number free again at each: many
+operators stand for a delay, too. Its range is where that criterion, or AICc, which takes more of
+them, is less than 4 above its lowest (95 % where the number is known). *Feedback* is a share of the
+innovations that only later inputs explain: where the input does not react to the output there is
+none (Sims 1972). The input between its samples is compared by `-2 log L`.
 
 Reference: C. Sims, American Economic Review 62 (1972) 540-552.
 """
@@ -29,6 +30,9 @@ PART = 0.25
 
 RANGE = 4.0
 """Rise of ``-2 log L`` that a delay is within with 95 %."""
+
+FEW = (1, 2, 3, 4, 6, 8)
+"""Operators that are tried at every delay: many of them make up for a delay that is missing."""
 
 AHEAD = (1, 2, 3, 4, 6, 8, 12, 16)
 """Later inputs that are tried [samples]."""
@@ -101,34 +105,59 @@ def delay_seen(parallel: Parallel, fit: WhitenedFit, input_: int) -> DelaySeen:
     longest = min([longest, *(answered(r, input_, parallel.output) for r in parallel.records)])
     grid = _grid(step, longest)
     poles = list(dict.fromkeys([fit.pole, *parallel.poles()[::2]]))
+    orders = sorted({*(order for order in FEW if order < fit.order), fit.order})
 
-    def deviance(delay: float) -> float:
+    def profile(delay: float) -> tuple[float, float]:
+        """By Schwarz's criterion, and by AICc."""
         delays = tuple(delay if j == input_ else d for j, d in enumerate(parallel.delays))
         moved = parallel.changed(delays=delays, left=float(grid[-1]))
-        return min(moved.fits(pole, (fit.order,))[0].deviance for pole in poles)
+        found = [one for pole in poles for one in moved.fits(pole, orders)]
+        return min(map(schwarz, found)), min(one.criterion for one in found)
 
-    profile = np.array([deviance(float(delay)) for delay in grid])
-    best = int(np.argmin(profile))
-    around = grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)]
-    finer = np.arange(around[0], around[1] + step / 2, max(step / 2, (around[1] - around[0]) / 12))
+    values = np.array([profile(float(delay)) for delay in grid])
+    around = [_around(grid, int(best), step) for best in np.argmin(values, axis=0)]
+    finer = np.unique(np.round(np.concatenate(around) / step, 9)) * step
     extra = np.array([delay for delay in finer if np.abs(grid - delay).min() > 0.1 * step])
-    more = np.array([deviance(float(delay)) for delay in extra])
-    delays, values = np.concatenate([grid, extra]), np.concatenate([profile, more])
+    more = np.array([profile(float(delay)) for delay in extra]).reshape(-1, 2)
+    delays, values = np.concatenate([grid, extra]), np.concatenate([values, more])
     order = np.argsort(delays)
     delays, values = delays[order], values[order]
-    best = int(np.argmin(values))
-    within = np.flatnonzero(values <= values[best] + RANGE)
-    low = delays[max(int(within[0]) - 1, 0)] if within[0] == best else delays[within[0]]
-    last = int(within[-1])
-    high = delays[min(last + 1, delays.size - 1)] if last == best else delays[last]
+    best = int(np.argmin(values[:, 0]))
+    ranges = [_range(delays, one) for one in values.T]
     return DelaySeen(
         first.input_names[input_],
         first.output_names[parallel.output],
         float(delays[best]),
-        float(low),
-        float(high),
-        float(values[delays == 0.0][0] - values[best]),
+        min(low for low, _ in ranges),
+        max(high for _, high in ranges),
+        float(values[delays == 0.0][0, 0] - values[best, 0]),
     )
+
+
+def _around(grid: Array, best: int, step: float) -> Array:
+    """Delays between the neighbours of one, half a sample apart or more [s]."""
+    low, high = grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)]
+    return np.arange(low, high + step / 2, max(step / 2, (high - low) / 12))
+
+
+def schwarz(fit: WhitenedFit) -> float:
+    """Schwarz's criterion of a fit (Annals of Statistics 6, 1978, 461-464).
+
+    Parameters
+    ----------
+    fit : WhitenedFit
+    """
+    return fit.deviance + fit.rank * float(np.log(fit.count))
+
+
+def _range(delays: Array, values: Array) -> tuple[float, float]:
+    """Delays within `RANGE` of the best one; its neighbours where it is alone."""
+    best = int(np.argmin(values))
+    within = np.flatnonzero(values <= values[best] + RANGE)
+    first, last = int(within[0]), int(within[-1])
+    low = delays[max(first - 1, 0)] if first == best else delays[first]
+    high = delays[min(last + 1, delays.size - 1)] if last == best else delays[last]
+    return float(low), float(high)
 
 
 def answered(record: Record, input_: int, output: int) -> float:
