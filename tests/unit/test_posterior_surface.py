@@ -168,7 +168,7 @@ def outside(problem, phi):
     sections = Sections.of(phi[None], phi.size)
     size = np.abs(sections.roots())
     length = max(e.duration for e in problem.experiments) / min(e.dt for e in problem.experiments)
-    fast, slow = size.max() / 0.7, 1.0 / (size.min() * length)
+    fast, slow = size.max() / 1.5, 1.0 / (size.min() * length)
     band = -2.0 * (np.log1p(fast**4) + np.log1p(slow**4))
     return band - sections.log_multiplicity()[0]
 

@@ -27,9 +27,9 @@ from tridentify.numerics.arrays import Array, Complex, Flags
 
 SEVERAL = 3
 """Poles from which there are several sections."""
-SLOW_EDGE, FAST_EDGE = 0.3, 2.0
-"""Box of the first draws: rates from 0.3 over the record's length to 2 over the sampling interval,
-a factor of three beyond where the prior of `posterior.surface` begins to fall."""
+SLOW_EDGE, FAST_EDGE = 0.3, 4.5
+"""Box of the first draws: rates from 0.3 over the record's length to 4.5 over the sampling
+interval, a factor of three beyond where the prior of `posterior.surface` begins to fall."""
 LEAST_DAMPING, MOST_DAMPING = 0.02, 6.0
 """The same for the damping of a section: from light to two real poles a factor of 140 apart."""
 SPREAD = (0.02, 1.0)

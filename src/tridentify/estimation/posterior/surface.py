@@ -20,7 +20,7 @@ Jeffreys' prior with the signal's size factored out (Jeffreys 1961; Kass 1989; B
 does not depend on the coordinates, it adapts to the input, the record's length and the sampling,
 and it vanishes where the record is blind. One statement is added: whoever recorded for ``T`` at
 ``dt`` thought the slowest pole faster than about ``1 / T`` and the fastest one slower than about
-``0.7 / dt``; beyond, the prior falls off as the eighth power.
+``1.5 / dt``; beyond, the prior falls off as the eighth power.
 
 With the scores ``- X y_0`` on the orthonormal functions ``X`` of the poles
 (`likelihood.cost`) and coordinates ``phi`` (`posterior.many_cascades`), ``pi(phi) = vol(alpha)
@@ -49,10 +49,12 @@ from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import Whitener, gains
 from tridentify.numerics.sampled import Sampled, States
 
-FASTEST = 0.7
-"""Rate times sampling interval beyond which the prior falls off: nine samples a period, the fast
-edge of the search's band. A statement on whoever chose the sampling, as the next two: halved or
-doubled, each moves most posterior means by more than a tenth of a standard error."""
+FASTEST = 1.5
+"""Rate times sampling interval beyond which the prior falls off: four samples a period, a time
+constant of two thirds of a sample. A statement on whoever chose the sampling, as the next two:
+halved or doubled, each moves most posterior means by more than a tenth of a standard error. With
+0.7, nine samples a period, a lag of a sample or so was denied beside a slower pair: of 60 samples
+of such plants (three poles, 12 dB) the intervals of 95 % held 82 % for 93 %, at the same RMSE."""
 SLOWEST = 1.0
 """Rate times length of the record below which the prior falls off: such a pole decays by less than
 a factor of e within it."""
