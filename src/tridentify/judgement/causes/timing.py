@@ -169,7 +169,8 @@ def wandering_rivals(present: Present, late: Sequence[Rival]) -> Iterator[Rival]
         same = np.ptp(part.delay - present.delay) == 0.0 and part.records is present.records
         starts += [_Start(replace(part, poles=rival.starts[0][0]))] if same else []
     for knots in places:
-        found = [rival for one in starts if (rival := _by_pieces(one, knots)) is not None]
+        own = [_by_pieces(start, knots) for start in starts]
+        found = [rival for rival in own if rival is not None]
         if found:
             yield min(found, key=lambda r: promise(r.parts[0], r.starts[0][0]))
 
