@@ -318,11 +318,23 @@ def _combine(
         found[start:stop, mine] = (rows[mine] @ buffer[:, : stop - start]).T
 
 
+_last_columns: list[tuple[Array, Array, Chart, Array]] = []
+
+
 def _columns(bank: Cascade, chart: Chart) -> Array:
-    """The columns themselves, (n_columns, n_samples)."""
+    """The columns themselves, (n_columns, n_samples); the last ones are kept.
+
+    What is left of the outputs at an end and how they move with the coefficients are asked one
+    after the other.
+    """
     from tridentify.models.compiled_regression import triangles_of
 
-    return np.asarray(triangles_of(bank.a[None], bank.b[None], *chart.without_outputs)[0])
+    for a, b, one, columns in list(_last_columns):
+        if a is bank.a and b is bank.b and one is chart:
+            return columns
+    found = np.asarray(triangles_of(bank.a[None], bank.b[None], *chart.without_outputs)[0])
+    _last_columns[:] = [(bank.a, bank.b, chart, found)]
+    return found
 
 
 def _layout(experiment: Experiment, bank: Cascade) -> Layout:

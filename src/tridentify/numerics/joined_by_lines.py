@@ -24,6 +24,10 @@ LOW, HIGH = 0.3, 0.95
 """Quantiles of the bends: lines end in seven of ten that are joined, at least, and the largest
 bends are theirs."""
 
+LEADING = FEWEST - 1 - int(LOW * (FEWEST - 1))
+"""So many of the largest bends, at least, are then at ends of lines: those of `FEWEST` samples that
+are above their quantile `LOW`."""
+
 OVER = 3.0
 """Bends where lines end, over all others: rounding of what was interpolated leaves up to two
 digits, and a converter without noise bends by few of its steps."""
@@ -83,13 +87,19 @@ def joined_by_lines(y: Array, u: Array) -> Joined | None:
     True
     """
     bends = np.abs(y[:-2] - 2.0 * y[1:-1] + y[2:])
-    if int(np.isfinite(bends).sum()) < 2 * FEWEST:
+    seen = np.isfinite(bends)
+    if int(seen.sum()) < 2 * FEWEST:
+        return None
+    most = min(LONGEST, y.size // FEWEST)
+    spacing = _spacing(np.where(seen, bends, -1.0))
+    possible = [every for every in range(2, most + 1) if spacing % every == 0]
+    if not possible:
         return None
     zero = ROUNDING * float(np.nanmax(np.abs(y)))
     low, high = np.nanquantile(bends, (0.9 / 2.0, HIGH))
     if not high > OVER * max(float(low), zero):
         return None
-    for every in range(2, min(LONGEST, y.size // FEWEST) + 1):
+    for every in possible:
         largest = np.array([np.nanmax(bends[k::every], initial=0.0) for k in range(every)])
         place = int(np.argmax(largest))
         others = max(float(np.delete(largest, place).max()), zero)
@@ -101,6 +111,12 @@ def joined_by_lines(y: Array, u: Array) -> Joined | None:
         if np.quantile(left, LOW) > max(OVER * others, QUIET * float(np.nanstd(y))):
             return Joined(every, (place + 1) % every)
     return None
+
+
+def _spacing(bends: Array) -> int:
+    """What divides all distances between the largest bends: ends of lines are a multiple apart."""
+    largest = np.argpartition(bends, -LEADING)[-LEADING:]
+    return int(np.gcd.reduce(largest - largest[0]))
 
 
 def _unexplained(y: Array, u: Array, ends: NDArray[np.intp]) -> Array:

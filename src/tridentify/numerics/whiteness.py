@@ -56,13 +56,14 @@ def is_white(series: Sequence[Array], rate: float = FALSE_ALARMS) -> bool:
     power = sum(float(one @ one) for one in filled) / n
     if power == 0:
         return True
-    terms = np.zeros(n_lags)
-    for lag in range(1, n_lags + 1):
-        pairs = float(sum(max(one.size - lag, 0) for one in series))
-        if not complete:
-            pairs = sum(float(one[lag:] @ one[:-lag]) for one in seen)
-        product = sum(float(one[lag:] @ one[:-lag]) for one in filled)
-        terms[lag - 1] = (product / power) ** 2 / pairs if pairs else 0.0
+    every = range(1, n_lags + 1)
+    products, pairs = np.zeros(n_lags), np.zeros(n_lags)
+    for one in filled:
+        products += [float(one[lag:] @ one[:-lag]) for lag in every]
+        pairs += np.maximum(one.size - np.arange(1.0, n_lags + 1.0), 0.0) if complete else 0.0
+    for one in seen:
+        pairs += [float(one[lag:] @ one[:-lag]) for lag in every]
+    terms = (products / power) ** 2 / np.where(pairs > 0.0, pairs, np.inf)
     lags = sorted({*(4**k for k in range(10) if 4**k < n_lags), n_lags})
     statistics = np.cumsum(terms)[np.array(lags) - 1]
     limits = chdtri(np.array(lags, dtype=np.float64), rate / len(lags))

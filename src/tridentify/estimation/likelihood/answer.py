@@ -29,6 +29,7 @@ from tridentify.estimation.likelihood.levenberg_marquardt import coefficients, m
 from tridentify.estimation.likelihood.nuisance import Nuisances, reference_of
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.estimation.likelihood.two_weights import in_words
+from tridentify.models.experiment import MIDDLING
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.information import aicc_price
 from tridentify.numerics.kept import cached_property
@@ -173,9 +174,12 @@ def solved_at(
     if judged and ending.moved is not None:
         words += (in_words(ending.moved, np.sqrt(np.diag(cov))),)
         cov, draws, scores = *widened_by(cov, draws, (ending.moved,)), True
+    model = model_of(point.problem, theta, records[0])
+    if judged:
+        _keep(model, records, structure, ending)
     return Solved(
         structure=ending.nuisances.resolved(structure),
-        model=model_of(point.problem, theta, records[0]),
+        model=model,
         theta=theta,
         cov=0.5 * (cov + cov.T),
         noise_variance=rss / freedom,
@@ -193,6 +197,48 @@ def solved_at(
         errors="scores" if scores else "likelihood",
         draws=draws,
     )
+
+
+_last: list[tuple[TransferFunction, tuple[Record, ...], Nuisances, Point]] = []
+
+
+def _keep(
+    model: TransferFunction, records: Sequence[Record], structure: Structure, ending: Ending
+) -> None:
+    """Keep where a model came from, unless other samples than the records' were fitted there."""
+    problem = ending.point.problem
+    samples = zip(problem.experiments, records, strict=True)
+    whole = all(
+        one.dt is not None and e.n_samples == one.n_samples <= MIDDLING for e, one in samples
+    )
+    if whole and problem.limits is None and structure.delay != "free":
+        _last[:] = [(model, tuple(records), ending.nuisances, ending.point)]
+
+
+def kept_point(
+    model: TransferFunction, records: Sequence[Record], nuisances: Nuisances
+) -> Point | None:
+    """Where the model of the last estimate came from, with all that was worked out there.
+
+    Parameters
+    ----------
+    model : TransferFunction
+        Of an estimate.
+    records : sequence of Record
+        Those that were fitted.
+    nuisances : Nuisances
+        The terms that were estimated along.
+
+    Returns
+    -------
+    Point or None
+        None where it is not the last, or was fitted to anything else.
+    """
+    for own, those, terms, point in list(_last):
+        same = own is model and terms == nuisances and len(those) == len(records)
+        if same and all(one is other for one, other in zip(those, records, strict=True)):
+            return point
+    return None
 
 
 def widened_by(cov: Array, draws: Array, moves: Sequence[Array]) -> tuple[Array, Array]:

@@ -160,6 +160,8 @@ def _predict(
     lowest = [min(point.objective for point in points) for points in found]
     seed = lowest.index(min(lowest))
     points = found[seed]
+    if len(points) == 1:  # nothing is compared with it
+        return [Predicted(points[0], criterion(points[0]))], seed
     exact = any(at_rounding(point) for point in points)
     trusted = np.inf if exact else TRUSTED * float(points[0].counts.sum())
     promised = []

@@ -73,6 +73,11 @@ class Triangles:
         return cls(whole, kept, bank, stack, which, targets, layout, terms.free, columns)
 
     @property
+    def of_base(self) -> bool:
+        """Whether they are those of the problem that the variant is a part of."""
+        return self.variant is not None
+
+    @property
     def kept(self) -> Layout:
         """Of the columns that count."""
         all_, own = self.layout, self.variant

@@ -143,6 +143,9 @@ class Search:
         found = yield from self.following(base, variants)
         point = yield from self.moving(found)
         self._keep(point.poles)
+        triangles = point.triangles
+        if found.base is base and triangles.of_base and triangles.bank.repeats == 2:
+            self.known = KnownTriangles(point.poles, triangles.whole)
 
     def trying_again(self, base: Problem, variant: Variant, poles: Complex) -> Slices[Complex]:
         """`search_again` in slices."""

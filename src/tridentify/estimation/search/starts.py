@@ -175,7 +175,7 @@ class ParallelStart:
         found = []
         for group in self.problem.groups:
             c = weighted[_channels(self.problem, group)]
-            gramian = scipy.linalg.solve_continuous_lyapunov(a.T, -(c.T @ c))
+            gramian = _observability(a, c)
             vectors = np.linalg.eigh(0.5 * (gramian + gramian.T))[1][:, -group.order :]
             poles = np.linalg.eigvals(vectors.T @ a @ vectors).astype(np.complex128)
             found.append(sort_poles(poles))
@@ -185,6 +185,17 @@ class ParallelStart:
         problem = self.problem
         samples = sum(e.n_samples for e in problem.experiments)
         return np.asarray(1.0 / np.sqrt(self.fit.cost / samples + 1e-30 * problem.size))
+
+
+def _observability(a: Array, c: Array) -> Array:
+    """Gramian ``Q`` of ``A' Q + Q A + C' C = 0``; of real poles alone ``A'`` is triangular already.
+
+    Then this is the last of the three steps of the general solver (Bartels & Stewart 1972).
+    """
+    if np.any(np.triu(a, 1)):
+        return np.asarray(scipy.linalg.solve_continuous_lyapunov(a.T, -(c.T @ c)))
+    found, scale, _ = scipy.linalg.lapack.dtrsyl(a.T, a.T, -(c.T @ c), tranb="T")
+    return np.asarray(scale * found)
 
 
 def _channels(problem: Problem, group: Group) -> NDArray[np.bool_]:

@@ -219,11 +219,18 @@ def attempt(
         return None
     problem = point.problem
     unknowns = problem.n_coefficients + problem.n_nuisance + problem.n_outputs + sum(orders)
-    return Attempt(point, _deviance(point, noise), unknowns)
+    return Attempt(point, deviance_at(point, noise), unknowns)
 
 
-def _deviance(point: Point, noise: Sequence[Array]) -> float:
-    """``-2 log L``; a residual that is rounding counts as of one size."""
+def deviance_at(point: Point, noise: Sequence[Array]) -> float:
+    """``-2 log L``; a residual that is rounding counts as of one size.
+
+    Parameters
+    ----------
+    point : Point
+    noise : sequence of (p,) arrays
+        Model of each output's noise that whitened it; empty where all are white.
+    """
     found = 0.0
     for i in range(point.problem.n_outputs):
         if noise and noise[i].size:

@@ -18,10 +18,11 @@ from scipy.special import chdtri
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
-from tridentify.judgement.causes.attempt import Attempt, attempt
+from tridentify.judgement.causes.attempt import Attempt, attempt, deviance_at
 from tridentify.judgement.causes.first_samples import beginning
 from tridentify.judgement.causes.present import Present, Zeros
 from tridentify.judgement.causes.revisit import (
+    point_of,
     poles_of_estimate,
     problem_of,
     stated,
@@ -95,7 +96,7 @@ def order_findings(estimate: Estimate, records: Sequence[Record]) -> list[Findin
         return [NO_RESPONSE] if _gains_nothing(estimate, records) else []
     vague = bool(unsure(estimate))
     # what wanders follows any input that does, and the errors say that it follows it closely
-    doubtful = vague or _follows_by_chance(records, order)
+    doubtful = vague or _follows_by_chance(estimate, records)
     if not (doubtful or order >= MANY):
         return []
     fitted = _fitted(estimate, records)
@@ -131,23 +132,74 @@ def foretold(records: Sequence[Record], n_poles: int) -> bool | None:
     if any(record.dt is None for record in records):
         return None
     short = [beginning(record, LONGEST) for record in records]
-    inputs = [record.u for record in short]
-    levelled = [record.y - np.nanmean(record.y, axis=0) for record in short]
-    lags = n_poles + MORE_LAGS
+    levelled = [_levelled(record.y) for record in short]
+    noise = [_noise_of(levelled, i) for i in range(short[0].n_outputs)]
+    return _any_moved(levelled, short, noise, n_poles)
+
+
+def _any_moved(
+    levelled: Sequence[Array], records: Sequence[Record], noise: Sequence[Array], n_poles: int
+) -> bool:
+    """Whether the inputs foretell anything of any output, beside a past that has a model."""
+    inputs, lags = [record.u for record in records], n_poles + MORE_LAGS
     return any(
-        _moved([one[:, i] for one in levelled], inputs, _noise_of(levelled, i).size, lags)
-        for i in range(short[0].n_outputs)
+        _moved([one[:, i] for one in levelled], inputs, a.size, lags) for i, a in enumerate(noise)
     )
 
 
-def _follows_by_chance(records: Sequence[Record], order: int) -> bool:
-    """Whether an output wanders, and the inputs foretell nothing of any."""
+def _levelled(y: Array) -> Array:
+    """Outputs about their means."""
+    return np.asarray(y - np.nanmean(y, axis=0))
+
+
+def _follows_by_chance(estimate: Estimate, records: Sequence[Record]) -> bool:
+    """Whether an output wanders, and the inputs foretell nothing of any.
+
+    What the model explains so much better than a model of the noise alone that `_is_noise` would
+    say no in any case is not looked at.
+    """
     if any(record.dt is None for record in records):
         return False
     short = [beginning(record, LONGEST) for record in records]
-    levelled = [record.y - np.nanmean(record.y, axis=0) for record in short]
-    wandering = any(_wanders(_noise_of(levelled, i), short) for i in range(records[0].n_outputs))
-    return wandering and foretold(records, order) is False
+    levelled = [_levelled(record.y) for record in short]
+    noise = [_noise_of(levelled, i) for i in range(short[0].n_outputs)]
+    if not any(_wanders(a, short) for a in noise) or _answers(estimate, short, levelled, noise):
+        return False
+    poles = estimate.structure.poles
+    return isinstance(poles, int) and not _any_moved(levelled, short, noise, poles)
+
+
+def _answers(
+    estimate: Estimate, records: Sequence[Record], levelled: Sequence[Array], noise: Sequence[Array]
+) -> bool:
+    """Whether the model as it is explains more than noise alone, with the longest noise model."""
+    if len(estimate.outliers):
+        return False
+    try:
+        point = point_of(estimate, records, stated(estimate))
+    except (TridentifyError, np.linalg.LinAlgError):
+        return False
+    problem = point.problem
+    if any(e.start for e in problem.experiments):  # it need not explain the first samples
+        return False
+    longest = sum(most_coefficients(int(n)) for n in point.counts)
+    unknowns = problem.n_coefficients + problem.n_nuisance + problem.n_outputs + longest
+    more = unknowns - sum(a.size + len(levelled) + 1 for a in noise)
+    price = WANDERING * _price(more, point.poles.size, float(point.counts.sum()))
+    return _alone(levelled, noise) - deviance_at(point, problem.noise) >= price
+
+
+def _alone(levelled: Sequence[Array], noise: Sequence[Array]) -> float:
+    """``-2 log L`` of outputs that nothing but their own past explains."""
+    return sum(
+        deviance([np.ascontiguousarray(one[:, i]) for one in levelled], a)
+        for i, a in enumerate(noise)
+    )
+
+
+def _price(unknowns: float, n_poles: int, count: float) -> float:
+    """What a response that was picked gains where there is none."""
+    return 2.0 * unknowns + 2.0 * ((n_poles + 1) // 2) * float(np.log(count))
 
 
 def _wanders(noise: Array, records: Sequence[Record]) -> bool:
@@ -183,26 +235,16 @@ def _is_noise(fitted: _Fitted) -> bool:
             end.point.problem.experiments, end.point.residuals(), strict=True
         )
     ]
-    levelled = [y - np.nanmean(y, axis=0) for y in outputs]
-    alone, unknowns, wandering = 0.0, 0, False
-    for i in range(present.n_outputs):
-        a = _noise_of(levelled, i)
-        if not a.size:
-            return False
-        alone += deviance([np.ascontiguousarray(one[:, i]) for one in levelled], a)
-        unknowns += a.size + len(levelled) + 1
-        wandering = wandering or _wanders(a, present.records)
-    pairs = (present.poles.size + 1) // 2
-    price = 2.0 * (end.unknowns - unknowns) + 2.0 * pairs * float(np.log(end.count))
-    price *= WANDERING if wandering else 1.0
-    if alone - end.deviance >= price:
+    levelled = [_levelled(y) for y in outputs]
+    noise = [_noise_of(levelled, i) for i in range(present.n_outputs)]
+    if not all(a.size for a in noise):
         return False
-    inputs = [record.u for record in present.records]
-    lags = present.poles.size + MORE_LAGS
-    return not any(
-        _moved([one[:, i] for one in levelled], inputs, _noise_of(levelled, i).size, lags)
-        for i in range(present.n_outputs)
-    )
+    unknowns = sum(a.size + len(levelled) + 1 for a in noise)
+    price = _price(end.unknowns - unknowns, present.poles.size, end.count)
+    price *= WANDERING if any(_wanders(a, present.records) for a in noise) else 1.0
+    if _alone(levelled, noise) - end.deviance >= price:
+        return False
+    return not _any_moved(levelled, present.records, noise, present.poles.size)
 
 
 def _moved(series: Sequence[Array], inputs: Sequence[Array], order: int, lags: int) -> bool:

@@ -8,6 +8,7 @@ from typing import Any, cast
 import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.likelihood.answer import kept_point
 from tridentify.estimation.likelihood.cost import Point, evaluate
 from tridentify.estimation.likelihood.nuisance import Nuisances, build, with_terms
 from tridentify.estimation.likelihood.problem import Problem
@@ -76,6 +77,9 @@ def point_of(estimate: Estimate, records: Sequence[Record], nuisances: Nuisances
     nuisances : Nuisances
         As of `problem_of`.
     """
+    known = kept_point(estimate.model, records, nuisances)
+    if known is not None:
+        return known
     # of an estimate, what is said of it may have been added since
     asked = (estimate.model, estimate.structure, estimate.noise_model, *records)
     for those, terms, point in list(_last):

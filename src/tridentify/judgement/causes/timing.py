@@ -11,7 +11,7 @@ model with one delay moved in time; the input that comes of this is fitted, and 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from tridentify.judgement.causes.present import Present
 from tridentify.judgement.causes.rivals import LONG_ENOUGH, Rival, one
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.autoregression import whiten
+from tridentify.numerics.kept import cached_property
 from tridentify.record.record import Record
 
 EARLIEST = 5
@@ -162,29 +163,53 @@ def wandering_rivals(present: Present, late: Sequence[Rival]) -> Iterator[Rival]
     places = [np.linspace(0.0, n - 1.0, k) for k in KNOTS if n > k * LONG_ENOUGH]
     if EDGES <= jumps.size < n / SAMPLES_AN_EDGE:
         places.append(np.concatenate([[0.0], jumps]))
-    starts = [(present, present.poles)]
+    starts = [_Start(present)]
     for rival in late:
         (part,) = rival.parts
         same = np.ptp(part.delay - present.delay) == 0.0 and part.records is present.records
-        starts += [(part, rival.starts[0][0])] if same else []
+        starts += [_Start(replace(part, poles=rival.starts[0][0]))] if same else []
     for knots in places:
-        own = [_by_pieces(replace(part, poles=poles), knots) for part, poles in starts]
+        own = [_by_pieces(start, knots) for start in starts]
         found = [rival for rival in own if rival is not None]
         if found:
             yield min(found, key=lambda r: promise(r.parts[0], r.starts[0][0]))
 
 
-def _by_pieces(present: Present, knots: Array) -> Rival | None:
+@dataclass(frozen=True, eq=False)
+class _Start:
+    """Where delays of all kinds begin to move: fitted once, compared once over each reach."""
+
+    present: Present
+
+    @cached_property
+    def end(self) -> Attempt | None:
+        return quickly_fitted(self.present, self.present.poles)
+
+    @cached_property
+    def near(self) -> tuple[Array, Array]:
+        assert self.end is not None
+        return _misfits(self.end, self.present, True)
+
+    @cached_property
+    def far(self) -> tuple[Array, Array]:
+        assert self.end is not None
+        return _misfits(self.end, self.present, False)
+
+
+def _by_pieces(start: _Start, knots: Array) -> Rival | None:
+    present = start.present
     (record,) = present.records
     base = float(present.delay.min())
     held = replace(present, delay=present.delay - base)
     own, steps = np.zeros(knots.size), base / present.step
-    part, poles, by_edge = present, present.poles, knots.size > max(KNOTS)
-    end = quickly_fitted(part, poles)
-    for _ in range(ROUNDS):
+    part, end, by_edge = present, start.end, knots.size > max(KNOTS)
+    for k in range(ROUNDS):
         if end is None:
             return None
-        cost, tried = _misfits(end, part, by_edge)
+        if k == 0:
+            cost, tried = start.near if by_edge else start.far
+        else:
+            cost, tried = _misfits(end, part, by_edge)
         if by_edge:
             more = _edge_delays(cost, tried, knots + own + steps)
         else:
@@ -195,8 +220,7 @@ def _by_pieces(present: Present, knots: Array) -> Rival | None:
         # what acted there was not recorded: one delay leaves these samples out too
         y[: int(np.ceil(steps + own.max()))] = np.nan
         part = replace(held, records=(moved._derive(y=y),))
-        poles = end.point.poles
-        end = quickly_fitted(part, poles)
+        end = quickly_fitted(part, end.point.poles)
     if end is None or not np.ptp(own) > 0.0:
         return None
     thirds = np.array_split(_at(own, knots, record) + steps, 3)
@@ -275,13 +299,17 @@ def _edge_delays(cost: Array, tried: Array, begins: Array) -> Array:
 
 def _knots(cost: Array, tried: Array, knots: Array) -> Array:
     """Times at the knots that cost least, each in turn."""
-    place = np.arange(cost.shape[0])
-    own, flat, rows = np.zeros(knots.size), np.ravel(cost), tried.size * place
+    place, own = np.arange(cost.shape[0]), np.zeros(knots.size)
+    flat, rows = np.ravel(cost), tried.size * place
+    piece = np.minimum(np.searchsorted(knots, place, side="right"), knots.size - 1) - 1
+    since, lengths = place - knots[piece], np.diff(knots)
 
-    def of(value: float) -> float:
-        own[k] = value
-        at = np.rint((np.interp(place, knots, own) - tried[0]) / FINE).astype(int)
-        return float(np.add.reduce(flat[rows + np.minimum(np.maximum(at, 0), tried.size - 1)]))
+    def sums(several: Array) -> Array:
+        """Of the delays at the knots, a row each."""
+        slopes = np.diff(several, axis=1) / lengths
+        along = slopes[:, piece] * since + several[:, piece]
+        at = np.rint((along - tried[0]) / FINE).astype(int)
+        return np.asarray(flat[rows + np.clip(at, 0, tried.size - 1)].sum(axis=1))
 
     wide = tried[:: max(tried.size // 20, 1)]
     for sweep in range(SWEEPS):
@@ -289,5 +317,7 @@ def _knots(cost: Array, tried: Array, knots: Array) -> Array:
         for k in range(knots.size):
             about = 0.0 if sweep == 0 else own[k]
             every = np.unique(np.append(np.clip(about + near, tried[0], tried[-1]), own[k]))
-            own[k] = min(every.tolist(), key=of)
+            several = np.repeat(own[None], every.size, axis=0)
+            several[:, k] = every
+            own[k] = every[np.argmin(sums(several))]
     return own

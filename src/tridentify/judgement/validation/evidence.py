@@ -358,7 +358,9 @@ def suspicious(view: View, index: int, estimate: Estimate) -> bool:
     found = columns.searched_columns(view, index, estimate)
     e, basis = whitened(output, output.noise, _fitted(output))
     kinds = (*found.late, *found.bends, found.past, found.wave, found.later, found.coming)
-    white = output.white([np.hstack(own) for own in zip(*kinds, strict=True)], output.noise)
+    # column after column in memory, as they are whitened and tested
+    beside = [np.vstack([one.T for one in own]).T for own in zip(*kinds, strict=True)]
+    white = output.white(beside, output.noise)
     ends = [0, *accumulate(one[0].shape[1] for one in kinds)]
     tests = added_each(e, basis, [white[:, a:b] for a, b in pairwise(ends)], output.count)
     return len(tests) * min(test.p_value for test in tests) < SUSPICIOUS
