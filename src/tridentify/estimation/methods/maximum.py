@@ -13,6 +13,7 @@ from typing import Protocol
 
 from tridentify.estimation.answer.trace import Start, Status, Trace
 from tridentify.estimation.likelihood.answer import Ending
+from tridentify.estimation.likelihood.cancelling import STAYED, cancels
 from tridentify.estimation.likelihood.choose_nuisance import Finished, decide
 from tridentify.estimation.likelihood.levenberg_marquardt import Recorder
 from tridentify.estimation.likelihood.question import Question
@@ -50,8 +51,12 @@ class Maximum:
     tried: tuple[Start, ...]
     moved: Array | None = None
 
+    def told(self, *words: str) -> Maximum:
+        """The same with further decisions."""
+        return replace(self, decisions=(*self.decisions, *words))
 
-def maximum(question: Question, starts: Starts) -> Maximum:
+
+def maximum(question: Question, starts: Starts, *, whole: bool = True) -> Maximum:
     """The lowest output error that the starts lead to.
 
     Parameters
@@ -59,11 +64,15 @@ def maximum(question: Question, starts: Starts) -> Maximum:
     question : Question
     starts : Starts
         From `search.search`.
+    whole : bool
+        Whether another search follows also where a pole and a zero cancel at a limit.
     """
     found = decide(question, starts.seeds, starts.triangles)
     best = Maximum(found.best, found.decisions, starts.trails[found.seed], starts.tried)
     if best.end.status in SOUND:
         return best
+    if not whole and cancels(best.end.point, best.end.status):
+        return best.told(STAYED)
     question.say("another search, as the end lies at a limit")
     poles, start = search_again(question.held, best.end.nuisances, best.end.point.poles)
     best = replace(best, tried=(*best.tried, start))

@@ -29,6 +29,7 @@ import numpy as np
 
 from tridentify.estimation.answer.estimate import Status
 from tridentify.estimation.answer.trace import FAR_LIKELIER, RESPONSE_AS_NOISE, SLOW_AS_NOISE
+from tridentify.estimation.likelihood.cancelling import STAYED, cancels
 from tridentify.estimation.likelihood.choose_nuisance import Finished
 from tridentify.estimation.likelihood.cost import Point
 from tridentify.estimation.likelihood.curvature import Curvature, output_rss
@@ -46,7 +47,7 @@ from tridentify.estimation.likelihood.thresholds import CLEARLY, NEAR, RIVAL
 from tridentify.estimation.likelihood.two_weights import moved_by_weights
 from tridentify.estimation.methods.maximum import Maximum
 from tridentify.estimation.methods.predictor import forecasts
-from tridentify.estimation.methods.turns import Turns
+from tridentify.estimation.methods.turns import Turns, alternate
 from tridentify.estimation.search.found import Starts
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.whiteness import is_white
@@ -96,6 +97,7 @@ def with_noise_model(
     found: Maximum,
     *,
     in_loop: bool = False,
+    whole: bool = True,
 ) -> Maximum:
     """Model the noise if that is asked for, or if the residual is not white.
 
@@ -111,6 +113,8 @@ def with_noise_model(
     in_loop : bool
         Whether the inputs react to the outputs: the turns then also begin with the noise of the
         predictor, which no such end has bent, and the likelier end counts.
+    whole : bool
+        Whether whitened samples are searched also where a pole and a zero cancel already.
 
     Returns
     -------
@@ -136,6 +140,8 @@ def with_noise_model(
     case = _coloured(first, asked=noise == "ar")
     if isinstance(case, str):
         return _told(found, case)
+    if not whole and not in_loop and cancels(first.point, first.status):
+        return _stayed(question, found, case)
     turns = Turns(question, starts, found, case.tinted, forecasts(_pairs(first.point)))
     if not (in_loop or case.asked or case.slow) and turns.foretold(first.point):
         return _told(found, FOLLOWED)
@@ -212,7 +218,15 @@ def _pairs(point: Point) -> list[tuple[Array, Array]]:
 
 
 def _told(found: Maximum, decision: str) -> Maximum:
-    return replace(found, decisions=(*found.decisions, decision))
+    return found.told(decision)
+
+
+def _stayed(question: Question, found: Maximum, case: Coloured) -> Maximum:
+    """Where the turns lead from the end with white weights, without a search."""
+    best = alternate(question, found, case.tinted, None)
+    if _is_lost(best.end, found.end):
+        return found.told(NO_MINIMUM, STAYED)
+    return best.told(_in_words(best.end.point, case), STAYED)
 
 
 def _explains(end: Finished, turns: Turns) -> bool:

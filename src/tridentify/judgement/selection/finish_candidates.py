@@ -32,6 +32,7 @@ from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Status, Trace
 from tridentify.estimation.likelihood.answer import Ending, estimate_from
+from tridentify.estimation.likelihood.cancelling import STAYED
 from tridentify.estimation.likelihood.choose_nuisance import decide
 from tridentify.estimation.likelihood.cost import Point, evaluate_variant
 from tridentify.estimation.likelihood.levenberg_marquardt import (
@@ -58,6 +59,8 @@ from tridentify.numerics.autoregression import (
     fit_autoregression,
     most_coefficients,
 )
+from tridentify.numerics.rational import scaled_roots
+from tridentify.numerics.realization import sort_poles
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.numerics.whiteness import input_share, is_white
 from tridentify.record.record import Record
@@ -82,7 +85,9 @@ class CandidateTask:
 
     ``shared`` says that it can be finished from ``seeds``; otherwise ``method`` identifies it.
     Where a candidate comes to ``reach``, the AICc of the parallel model, there is nothing left to
-    search for. ``found`` is what ``method`` gave where it was asked already.
+    search for. ``found`` is what ``method`` gave where it was asked already. ``whole`` says that
+    the method goes to its end also where its maximum shows that neither of a pole and a zero is
+    determined.
     """
 
     records: tuple[Record, ...]
@@ -94,13 +99,15 @@ class CandidateTask:
     search: bool = True
     reach: float = -np.inf
     found: Estimate | None = None
+    whole: bool = True
 
 
 @dataclass(frozen=True, eq=False)
 class Entry:
     """What became of a candidate: an estimate with its residuals, or the reason why not.
 
-    ``longest`` is the duration of the longest experiment [s].
+    ``longest`` is the duration of the longest experiment [s]; ``whole`` is as of the task, and
+    true where the method came to its end all the same.
     """
 
     structure: Structure
@@ -110,6 +117,7 @@ class Entry:
     poles: Complex | None = None
     shared: bool = True
     longest: float = 1.0
+    whole: bool = True
 
 
 def run_task(task: CandidateTask) -> Entry:
@@ -126,11 +134,17 @@ def run_task(task: CandidateTask) -> Entry:
         reason = str(error).partition("\n")[0] or type(error).__name__
         return Entry(task.structure, None, reason, shared=task.shared)
     longest = max(record.duration for record in task.records)
-    return Entry(task.structure, estimate, "", residuals, poles, task.shared, longest)
+    whole = STAYED not in estimate.trace.decisions
+    return Entry(task.structure, estimate, "", residuals, poles, task.shared, longest, whole)
 
 
 def _identified(task: CandidateTask) -> Estimate:
-    return task.found or task.method.estimate(task.records, task.structure)
+    if task.found is not None:
+        return task.found
+    method = task.method
+    if isinstance(method, ThreeModel) and method.finish == "auto":
+        return method.estimate(task.records, task.structure, whole=task.whole)
+    return method.estimate(task.records, task.structure)
 
 
 def _finished(task: CandidateTask) -> tuple[Estimate, Complex]:
@@ -167,6 +181,19 @@ def _best(base: Problem, variants: Sequence[Variant], task: CandidateTask) -> Po
     if at_rounding(best) or criterion(best) < task.reach + ALLOWANCE:
         return best
     return Search(1).move(SearchEnd(base, best, variant, np.inf, False))
+
+
+def seeded(task: CandidateTask, alone: Entry | None) -> CandidateTask:
+    """The candidate begun where it ended by itself, which was a search of its own.
+
+    From a posterior mean, an end that is no sound one or one that was not carried to its end, other
+    starts are tried beside it.
+    """
+    if alone is None or alone.estimate is None or not task.shared:
+        return task
+    poles = sort_poles(scaled_roots(alone.estimate.model.den[0][0]))
+    search = alone.estimate.status not in SOUND or not alone.whole
+    return replace(task, seeds=(poles, *task.seeds), search=search)
 
 
 def contained(small: Entry, large: Entry, shape: tuple[int, int]) -> bool:
