@@ -176,24 +176,21 @@ def _best(base: Problem, variants: Sequence[Variant], task: CandidateTask) -> Po
     points = sorted((at(poles) for poles in seeds), key=lambda point: point.objective)
     if not task.search:
         return points[0]
-    ends = [finish(at, point, None, FEW_STEPS)[0] for point in points[:FOLLOWED]]
+    ends = []
+    for point in points[:FOLLOWED]:
+        ends.append(finish(at, point, None, FEW_STEPS)[0])
+        if at_rounding(ends[-1]) or criterion(ends[-1]) < task.reach + ALLOWANCE:
+            return ends[-1]
     best = min(ends, key=lambda point: point.objective)
-    if at_rounding(best) or criterion(best) < task.reach + ALLOWANCE:
-        return best
     return Search(1).move(SearchEnd(base, best, variant, np.inf, False))
 
 
 def seeded(task: CandidateTask, alone: Entry | None) -> CandidateTask:
-    """The candidate begun where it ended by itself, which was a search of its own.
-
-    From a posterior mean, an end that is no sound one or one that was not carried to its end, other
-    starts are tried beside it.
-    """
+    """The candidate, begun also from where it ended by itself."""
     if alone is None or alone.estimate is None or not task.shared:
         return task
     poles = sort_poles(scaled_roots(alone.estimate.model.den[0][0]))
-    search = alone.estimate.status not in SOUND or not alone.whole
-    return replace(task, seeds=(poles, *task.seeds), search=search)
+    return replace(task, seeds=(poles, *task.seeds))
 
 
 def contained(small: Entry, large: Entry, shape: tuple[int, int]) -> bool:
