@@ -46,7 +46,6 @@ from tridentify.estimation.likelihood.question import Question
 from tridentify.estimation.likelihood.thresholds import CLEARLY, NEAR, RIVAL
 from tridentify.estimation.likelihood.two_weights import moved_by_weights
 from tridentify.estimation.methods.maximum import Maximum
-from tridentify.estimation.methods.predictor import forecasts
 from tridentify.estimation.methods.turns import Turns, alternate
 from tridentify.estimation.search.found import Starts
 from tridentify.numerics.arrays import Array
@@ -142,7 +141,7 @@ def with_noise_model(
         return _told(found, case)
     if not whole and not in_loop and cancels(first.point, first.status):
         return _stayed(question, found, case)
-    turns = Turns(question, starts, found, case.tinted, forecasts(_pairs(first.point)))
+    turns = Turns(question, starts, found, case.tinted)
     if not (in_loop or case.asked or case.slow) and turns.foretold(first.point):
         return _told(found, FOLLOWED)
     best, likelier = _ends(turns, case, in_loop=in_loop)
@@ -185,6 +184,8 @@ def _ends(turns: Turns, case: Coloured, *, in_loop: bool) -> tuple[Maximum, Maxi
         end = turns.from_predictor()
         return end, end
     best = turns.taken()
+    if turns.are_near(best.end.point) and not in_loop:
+        return best, best
     if in_loop:
         best = turns.from_predictor(best)
     if turns.misses(best.end.point) or (not case.asked and _is_lost(best.end, first)):
@@ -210,11 +211,6 @@ def _may_be_a_disturbance(end: Finished) -> bool:
     slowest = float(np.min(np.abs(end.point.poles.real)))
     sound = end.status in (Status.CONVERGED, Status.AT_SAMPLING_LIMIT)
     return not sound or slowest * longest < SLOW_MODE
-
-
-def _pairs(point: Point) -> list[tuple[Array, Array]]:
-    """Recorded inputs and outputs."""
-    return [(np.asarray(e.u), np.asarray(e.y)) for e in point.problem.experiments]
 
 
 def _told(found: Maximum, decision: str) -> Maximum:

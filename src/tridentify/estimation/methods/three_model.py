@@ -47,7 +47,7 @@ from tridentify.estimation.methods.capability import EVERYTHING, Capability
 from tridentify.estimation.methods.constrained import within_constraints
 from tridentify.estimation.methods.controller_kind import Controller, check_controller
 from tridentify.estimation.methods.delays import over_delays
-from tridentify.estimation.methods.maximum import Maximum, Reached, maximum
+from tridentify.estimation.methods.maximum import Maximum, Reached, maximum, nearby
 from tridentify.estimation.methods.noise import with_noise_model
 from tridentify.estimation.methods.output_error import OutputError
 from tridentify.estimation.methods.paper import as_printed
@@ -260,6 +260,10 @@ class ThreeModel:
         if located is not None:
             question = question.delayed(located.place.delays)
         route, noise = taken_by(self.route, self.noise)
+        if near is not None and noise == "white":
+            found = nearby(question, near)
+            if found is not None:
+                return found
         say("the three models, from several starts")
         # Steps 1 and 2, the parallel and the series-parallel model, from several operators
         starts = search(question, self.starts, whitened_later=noise != "white", near=near)

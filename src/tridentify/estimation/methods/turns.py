@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from scipy.special import chdtri
@@ -48,7 +48,8 @@ from tridentify.estimation.likelihood.noise_model import (
 from tridentify.estimation.likelihood.question import Question
 from tridentify.estimation.likelihood.thresholds import CLEARLY, SAME_END
 from tridentify.estimation.methods.maximum import Maximum
-from tridentify.estimation.methods.predictor import Forecast
+from tridentify.estimation.methods.predictor import Forecast, forecasts
+from tridentify.estimation.search.following import CERTAIN
 from tridentify.estimation.search.found import Starts
 from tridentify.estimation.search.search import search
 from tridentify.numerics.arrays import Array, Complex
@@ -92,15 +93,22 @@ class Turns:
         The end with white weights.
     tinted : tuple of bool
         Outputs whose noise gets a model.
-    known : sequence of Forecast
-        The predictors, which need no model of the plant.
     """
 
     question: Question
     starts: Starts
     found: Maximum
     tinted: tuple[bool, ...]
-    known: Sequence[Forecast]
+
+    @cached_property
+    def known(self) -> Sequence[Forecast]:
+        """The predictors, which need no model of the plant."""
+        experiments = self.found.end.point.problem.experiments
+        return forecasts([(np.asarray(e.u), np.asarray(e.y)) for e in experiments])
+
+    def are_near(self, point: Point) -> bool:
+        """Whether the search began at poles that the record may well have, and they are known."""
+        return self.starts.near is not None and point.looseness <= CERTAIN
 
     def taken(self) -> Maximum:
         """The end of the turns from that with white weights."""
@@ -226,7 +234,9 @@ def alternate(
         if count < OPEN_ROUNDS:
             whole = question.whitened(model)
             following = decide(whole, [best.point.poles])
-            if starts is not None and not count:
+            certain = starts is not None and starts.near is not None
+            certain = certain and following.best.point.looseness <= CERTAIN
+            if starts is not None and not count and not certain:
                 question.say("another search, on whitened samples")
                 anew = search(whole.held, starts.count, starts.far, near=starts.near)
                 tried = tuple(replace(one, name=f"whitened: {one.name}") for one in anew.tried)
