@@ -14,7 +14,6 @@ from typing import Protocol
 
 from tridentify.estimation.answer.trace import Awaited, Start, Status, Trace
 from tridentify.estimation.likelihood.answer import Ending
-from tridentify.estimation.likelihood.cancelling import STAYED, cancels
 from tridentify.estimation.likelihood.choose_nuisance import Finished, decide
 from tridentify.estimation.likelihood.cost import evaluate
 from tridentify.estimation.likelihood.levenberg_marquardt import (
@@ -24,6 +23,7 @@ from tridentify.estimation.likelihood.levenberg_marquardt import (
     finish,
     mean_square,
 )
+from tridentify.estimation.likelihood.open_zero import STAYED, leaves_a_zero_open
 from tridentify.estimation.likelihood.question import Question
 from tridentify.estimation.methods.base import Progress
 from tridentify.estimation.search.delays import Located
@@ -75,13 +75,13 @@ def maximum(question: Question, starts: Starts, *, whole: bool = True) -> Maximu
     starts : Starts
         From `search.search`.
     whole : bool
-        Whether another search follows also where a pole and a zero cancel at a limit.
+        Whether another search follows also where a zero is left open at a limit.
     """
     found = decide(question, starts.seeds, starts.triangles)
     best = Maximum(found.best, found.decisions, starts.trails[found.seed], starts.tried)
     if best.end.status in SOUND:
         return best
-    if not whole and cancels(best.end.point, best.end.status):
+    if not whole and leaves_a_zero_open(best.end.point, best.end.status):
         return best.told(STAYED)
     question.say("another search, as the end lies at a limit")
     poles, start = search_again(question.held, best.end.nuisances, best.end.point.poles)

@@ -29,7 +29,6 @@ import numpy as np
 
 from tridentify.estimation.answer.estimate import Status
 from tridentify.estimation.answer.trace import FAR_LIKELIER, RESPONSE_AS_NOISE, SLOW_AS_NOISE
-from tridentify.estimation.likelihood.cancelling import STAYED, cancels
 from tridentify.estimation.likelihood.choose_nuisance import Finished
 from tridentify.estimation.likelihood.cost import Point
 from tridentify.estimation.likelihood.curvature import Curvature, output_rss
@@ -42,6 +41,7 @@ from tridentify.estimation.likelihood.noise_model import (
     refusal,
     residual_series,
 )
+from tridentify.estimation.likelihood.open_zero import STAYED, leaves_a_zero_open
 from tridentify.estimation.likelihood.question import Question
 from tridentify.estimation.likelihood.thresholds import CLEARLY, NEAR, RIVAL
 from tridentify.estimation.likelihood.two_weights import moved_by_weights
@@ -113,7 +113,7 @@ def with_noise_model(
         Whether the inputs react to the outputs: the turns then also begin with the noise of the
         predictor, which no such end has bent, and the likelier end counts.
     whole : bool
-        Whether whitened samples are searched also where a pole and a zero cancel already.
+        Whether whitened samples are searched also where a zero is left open already.
 
     Returns
     -------
@@ -139,7 +139,7 @@ def with_noise_model(
     case = _coloured(first, asked=noise == "ar")
     if isinstance(case, str):
         return _told(found, case)
-    if not whole and not in_loop and cancels(first.point, first.status):
+    if not whole and not in_loop and leaves_a_zero_open(first.point, first.status):
         return _stayed(question, found, case)
     turns = Turns(question, starts, found, case.tinted)
     if not (in_loop or case.asked or case.slow) and turns.foretold(first.point):

@@ -36,9 +36,9 @@ from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Trace
 from tridentify.estimation.answer.trace import Awaited, Pass
 from tridentify.estimation.likelihood.answer import Ending, estimate_from
-from tridentify.estimation.likelihood.cancelling import STAYED, cancels
 from tridentify.estimation.likelihood.levenberg_marquardt import Patience, Recorder
 from tridentify.estimation.likelihood.noise_model import NoiseChoice, check_noise
+from tridentify.estimation.likelihood.open_zero import STAYED, leaves_a_zero_open
 from tridentify.estimation.likelihood.question import Question, silently
 from tridentify.estimation.likelihood.raster import on_raster
 from tridentify.estimation.likelihood.thresholds import SETTLED
@@ -189,9 +189,9 @@ class ThreeModel:
             series model. Not used by the reference route, by other losses, nor within constraints
             or where delays are estimated along.
         whole : bool
-            Whether the search goes on, and the posterior is weighed, also where a pole and a zero
-            cancel at the maximum: neither is determined there or elsewhere. If not the estimate is
-            that maximum, and says so. For routes, losses and delays as of ``near``.
+            Whether the search goes on, and the posterior is weighed, also where a zero is not
+            determined at the maximum (`likelihood.open_zero`), nor will be elsewhere. If not the
+            estimate is that maximum, and says so. For routes, losses and delays as of ``near``.
 
         Returns
         -------
@@ -224,7 +224,7 @@ class ThreeModel:
         kept = kept_maximum(self.finish, reached, reached.scan)
         stays = not whole and structure.delay != "free"
         if stays and (kept is None or STAYED in reached.trace.decisions):
-            if cancels(reached.point, reached.status):
+            if leaves_a_zero_open(reached.point, reached.status):
                 return estimate_from(_stayed(reached), asked)
             if STAYED in reached.trace.decisions:
                 return self.estimate(records, structure, progress, near=near)

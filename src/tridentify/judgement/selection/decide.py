@@ -136,7 +136,7 @@ def decide(known: OrderEvidence, least: int = 0) -> Decision:
 def unfinished(known: OrderEvidence, found: Decision) -> list[int]:
     """Rows that stayed at their maximum although the decision may rest on them.
 
-    That is recommended or the likeliest, or the likelihood asks for the pole and zero that cancel.
+    Those recommended or likeliest, and where the likelihood asks for a pole and a zero more.
     """
     contenders = known.table.contenders()
     asked = refuted(contenders, [_order(row) for row in found.rows])

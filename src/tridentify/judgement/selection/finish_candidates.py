@@ -32,7 +32,6 @@ from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Status, Trace
 from tridentify.estimation.likelihood.answer import Ending, estimate_from
-from tridentify.estimation.likelihood.cancelling import STAYED
 from tridentify.estimation.likelihood.choose_nuisance import decide
 from tridentify.estimation.likelihood.cost import Point, evaluate_variant
 from tridentify.estimation.likelihood.levenberg_marquardt import (
@@ -43,6 +42,7 @@ from tridentify.estimation.likelihood.levenberg_marquardt import (
 )
 from tridentify.estimation.likelihood.noise_model import MOSTLY
 from tridentify.estimation.likelihood.nuisance import Nuisances, candidates
+from tridentify.estimation.likelihood.open_zero import STAYED
 from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.likelihood.question import Question
 from tridentify.estimation.likelihood.raster import are_even
@@ -86,8 +86,7 @@ class CandidateTask:
     ``shared`` says that it can be finished from ``seeds``; otherwise ``method`` identifies it.
     Where a candidate comes to ``reach``, the AICc of the parallel model, there is nothing left to
     search for. ``found`` is what ``method`` gave where it was asked already. ``whole`` says that
-    the method goes to its end also where its maximum shows that neither of a pole and a zero is
-    determined.
+    the method goes to its end also where its maximum shows that a zero is not determined.
     """
 
     records: tuple[Record, ...]

@@ -66,8 +66,8 @@ class SelectionRow:
         ``-2 log L`` without constants.
     identified : bool
         Whether ``estimate`` is what `identify` gives for ``structure``, to the last bit. Else it is
-        the likelihood's maximum, where a pole and a zero cancel within their errors, and from where
-        `identify` goes on to the posterior; such a row is never recommended.
+        the likelihood's maximum, where a zero is not determined, and from where `identify` searches
+        on and weighs the posterior; such a row is never recommended.
     ok : bool
         Whether the estimate is usable.
     """

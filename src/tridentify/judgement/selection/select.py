@@ -10,10 +10,9 @@ noise model and the same nuisance terms (`contest`); there they share their work
 is fitted once (`shared`) and gives all of them further starts, and local minima show by comparison
 with lesser candidates.
 
-Where a pole and a zero of a candidate cancel at its maximum, `identify` would weigh the posterior,
-which takes longer than all the rest and says once more that neither is determined. Such a row stays
-at the maximum, and says so, unless the likelihood asks for that pair or the row would be
-recommended (`unfinished`).
+Where a zero of a candidate is not determined at its maximum, `identify` would search on and weigh
+the posterior, which takes longer than all the rest and says so once more. Such a row stays at the
+maximum, and says so, unless the likelihood asks for it or it would be recommended (`unfinished`).
 """
 
 from __future__ import annotations

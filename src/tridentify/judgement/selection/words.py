@@ -96,8 +96,8 @@ def whose(rows: Sequence[SelectionRow]) -> str:
         return f"fit and coefficients of every row are {own}"
     return (
         f"fit and coefficients of a row are {own}; of ({'), ('.join(labels)}) those of the "
-        "likelihood's maximum, where a pole and a zero cancel within their errors: the posterior, "
-        "to which identify goes on from there, was not weighed"
+        "likelihood's maximum, at which a zero is not determined: from there identify searches on, "
+        "and weighs the posterior"
     )
 
 

@@ -1,7 +1,9 @@
-"""Whether a pole and a zero cancel where the steps on the cost ended.
+"""Whether a zero is left open where the steps on the cost ended.
 
-Then one pole and one zero less explain the record as well. Such a pair can be anywhere in the band:
-further starts find it elsewhere, the posterior everywhere, and neither determines it.
+A pole that cancels it within their errors makes good for it, or the leading coefficient of the
+numerator may be anything: one zero less, and perhaps one pole, explain the record as well. Such a
+zero can be anywhere in the band: further starts find it elsewhere, the posterior everywhere, and
+neither determines it.
 """
 
 from __future__ import annotations
@@ -16,13 +18,17 @@ from tridentify.estimation.likelihood.curvature import Curvature
 from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
 
 STAYED = (
-    "a pole and a zero cancel within their errors at the likelihood's maximum: it was looked for "
-    "nowhere else, and the posterior was not weighed"
+    "at the likelihood's maximum a zero is not determined (a pole cancels it within their errors, "
+    "or the numerator's leading coefficient may be anything): it was looked for nowhere else, and "
+    "the posterior was not weighed"
 )
+HALF = 0.5
+"""Standard error of the leading coefficient over its size from which it may be anything: an
+interval of 95 % then holds zero and twice the value."""
 
 
-def cancels(point: Point, status: Status) -> bool:
-    """Whether a pole and a zero of every channel cancel within their errors.
+def leaves_a_zero_open(point: Point, status: Status) -> bool:
+    """Whether a zero of every channel is cancelled by a pole, or may as well be none.
 
     Parameters
     ----------
@@ -43,6 +49,9 @@ def cancels(point: Point, status: Status) -> bool:
         return False
     theta, cov = coefficients(point), curvature.covariance
     (a,), places = problem.places()
+    std = curvature.std
+    if all(std[b.start] > HALF * abs(theta[b.start]) for b in places.values()):
+        return True
     found, den = [], np.append(1.0, theta[a])
     for b in places.values():
         own = np.r_[a, b]
