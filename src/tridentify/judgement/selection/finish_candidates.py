@@ -1,8 +1,9 @@
 """Every candidate finished on the likelihood's maximum, all on the same terms.
 
-1. Each candidate is finished from the best of its starts: balanced truncations of the parallel
-   model and a discrete-time model. Single poles or pairs are then tried elsewhere
-   (`search.following.Search.move`), as in the search of one structure.
+1. Each candidate is finished from the best of its starts: where it ended by itself, balanced
+   truncations of the parallel model and a discrete-time model. Where the parallel model explains
+   more, single poles or pairs are then tried elsewhere (`search.following.Search.move`), as in the
+   search of one structure.
 2. A candidate that contains another one cannot explain less. Where it does, its end was a local
    minimum, and it begins again from the poles of the lesser one with one pole more, taken from its
    own starts.
