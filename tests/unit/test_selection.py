@@ -196,9 +196,9 @@ def test_an_input_that_was_left_open_costs_no_second_search(record, monkeypatch)
     asked = []
     whole = ThreeModel.estimate
 
-    def estimate(self, records, structure, progress=None):
+    def estimate(self, records, structure, progress=None, **options):
         asked.append((structure, records[0].behaviour))
-        return whole(self, records, structure, progress)
+        return whole(self, records, structure, progress, **options)
 
     monkeypatch.setattr(ThreeModel, "estimate", estimate)
     left_open = Record(record.u, record.y, dt=record.dt, intersample="auto")

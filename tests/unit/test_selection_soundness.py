@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, TransferFunction, identify, simulate
-from tridentify.judgement.selection.soundness import SWING, _close, doubts
+from tridentify.estimation.answer.cancelling import _close
+from tridentify.judgement.selection.soundness import SWING, doubts
 
 pytestmark = pytest.mark.unjudged
 

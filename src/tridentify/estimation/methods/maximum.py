@@ -9,18 +9,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
-from tridentify.estimation.answer.trace import Start, Status, Trace
+from tridentify.estimation.answer.trace import Awaited, Start, Status, Trace
 from tridentify.estimation.likelihood.answer import Ending
 from tridentify.estimation.likelihood.choose_nuisance import Finished, decide
-from tridentify.estimation.likelihood.levenberg_marquardt import Recorder
+from tridentify.estimation.likelihood.cost import evaluate
+from tridentify.estimation.likelihood.levenberg_marquardt import (
+    Recorder,
+    coefficients,
+    criterion,
+    finish,
+    mean_square,
+)
+from tridentify.estimation.likelihood.open_zero import STAYED, leaves_a_zero_open
 from tridentify.estimation.likelihood.question import Question
 from tridentify.estimation.methods.base import Progress
 from tridentify.estimation.search.delays import Located
+from tridentify.estimation.search.following import AT_ONCE, CERTAIN
 from tridentify.estimation.search.found import Scan, Starts
 from tridentify.estimation.search.search import search_again
-from tridentify.numerics.arrays import Array
+from tridentify.estimation.search.stand_ins import is_large
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 
@@ -50,8 +61,12 @@ class Maximum:
     tried: tuple[Start, ...]
     moved: Array | None = None
 
+    def told(self, *words: str) -> Maximum:
+        """The same with further decisions."""
+        return replace(self, decisions=(*self.decisions, *words))
 
-def maximum(question: Question, starts: Starts) -> Maximum:
+
+def maximum(question: Question, starts: Starts, *, whole: bool = True) -> Maximum:
     """The lowest output error that the starts lead to.
 
     Parameters
@@ -59,11 +74,15 @@ def maximum(question: Question, starts: Starts) -> Maximum:
     question : Question
     starts : Starts
         From `search.search`.
+    whole : bool
+        Whether another search follows also where a zero is left open at a limit.
     """
     found = decide(question, starts.seeds, starts.triangles)
     best = Maximum(found.best, found.decisions, starts.trails[found.seed], starts.tried)
     if best.end.status in SOUND:
         return best
+    if not whole and leaves_a_zero_open(best.end.point, best.end.status):
+        return best.told(STAYED)
     question.say("another search, as the end lies at a limit")
     poles, start = search_again(question.held, best.end.nuisances, best.end.point.poles)
     best = replace(best, tried=(*best.tried, start))
@@ -93,6 +112,36 @@ class Reached(Ending):
         return cls(
             end.point, end.nuisances, end.status, end.criterion, trace, moved=moved, scan=scan
         )
+
+
+def nearby(question: Question, near: Complex) -> Reached | None:
+    """The maximum next to poles that the record may well have, if they are known there.
+
+    Parameters
+    ----------
+    question : Question
+    near : (n,) complex array
+
+    Returns
+    -------
+    Reached or None
+        None where nuisance terms are open, for a long record, and where the poles are not known to
+        `CERTAIN`: then a search may find others.
+    """
+    if len(question.choices) > 1 or is_large(question.base):
+        return None
+    (chosen,), (variant,), recorder = question.choices, question.variants, Recorder()
+    problem = question.chosen(chosen)
+    at = partial(evaluate, problem)
+    start = at(problem.admissible(near)[0])
+    settled = question.patience.settled(start.counts.sum())
+    point, status, why = finish(at, start, recorder, question.patience.most, settled)
+    if status is not Status.CONVERGED or point.looseness > CERTAIN:
+        return None
+    end = Finished(chosen, point, status, why, criterion(point), recorder)
+    tried = (Start(AT_ONCE, coefficients(point), mean_square(point)),)
+    trace = Trace(Awaited(lambda: tuple(recorder.passes)), tried, (), why)
+    return Reached.of(end, trace, Scan(question.base, variant, point.poles, []))
 
 
 class Maximiser(Protocol):

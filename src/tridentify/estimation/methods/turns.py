@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from scipy.special import chdtri
@@ -48,7 +48,8 @@ from tridentify.estimation.likelihood.noise_model import (
 from tridentify.estimation.likelihood.question import Question
 from tridentify.estimation.likelihood.thresholds import CLEARLY, SAME_END
 from tridentify.estimation.methods.maximum import Maximum
-from tridentify.estimation.methods.predictor import Forecast
+from tridentify.estimation.methods.predictor import Forecast, forecasts
+from tridentify.estimation.search.following import CERTAIN
 from tridentify.estimation.search.found import Starts
 from tridentify.estimation.search.search import search
 from tridentify.numerics.arrays import Array, Complex
@@ -92,27 +93,34 @@ class Turns:
         The end with white weights.
     tinted : tuple of bool
         Outputs whose noise gets a model.
-    known : sequence of Forecast
-        The predictors, which need no model of the plant.
     """
 
     question: Question
     starts: Starts
     found: Maximum
     tinted: tuple[bool, ...]
-    known: Sequence[Forecast]
+
+    @cached_property
+    def known(self) -> Sequence[Forecast]:
+        """The predictors, which need no model of the plant."""
+        experiments = self.found.end.point.problem.experiments
+        return forecasts([(np.asarray(e.u), np.asarray(e.y)) for e in experiments])
+
+    def are_near(self, point: Point) -> bool:
+        """Whether the search began at poles that the record may well have, and they are known."""
+        return self.starts.near is not None and point.looseness <= CERTAIN
 
     def taken(self) -> Maximum:
         """The end of the turns from that with white weights."""
         self.question.say("coloured noise")
-        return _alternate(self.question, self.found, self.tinted, self.starts)
+        return alternate(self.question, self.found, self.tinted, self.starts)
 
     def from_predictor(self, best: Maximum | None = None) -> Maximum:
         """The likelier of an end, if there is one, and of that to which the predictor leads."""
         self.question.say("coloured noise, from the predictor")
         first = tuple(one.noise for one in self.known)
         try:
-            other = _alternate(self.question, self.found, self.tinted, self.starts, first)
+            other = alternate(self.question, self.found, self.tinted, self.starts, first)
         except (TridentifyError, np.linalg.LinAlgError, FloatingPointError):
             return best or self.found
         if best is None:
@@ -142,7 +150,7 @@ class Turns:
             return best
         start = min(known, key=_criterion)
         begun = replace(best, end=replace(best.end, point=start), tried=())
-        other = _alternate(self.question, begun, self.tinted, None)
+        other = alternate(self.question, begun, self.tinted, None)
         end = other.end.point
         left = output_rss(end) > MOST_LEFT * end.problem.power * end.counts
         if other.end.status is not Status.CONVERGED or np.any(left):
@@ -197,7 +205,7 @@ class Turns:
         return found
 
 
-def _alternate(
+def alternate(
     question: Question,
     found: Maximum,
     tinted: tuple[bool, ...],
@@ -226,7 +234,9 @@ def _alternate(
         if count < OPEN_ROUNDS:
             whole = question.whitened(model)
             following = decide(whole, [best.point.poles])
-            if starts is not None and not count:
+            certain = starts is not None and starts.near is not None
+            certain = certain and following.best.point.looseness <= CERTAIN
+            if starts is not None and not count and not certain:
                 question.say("another search, on whitened samples")
                 anew = search(whole.held, starts.count, starts.far, near=starts.near)
                 tried = tuple(replace(one, name=f"whitened: {one.name}") for one in anew.tried)

@@ -101,14 +101,24 @@ def weigh(
     scan : Scan, optional
         The search's last look at other places.
     """
+    kept = kept_maximum(finish, best, scan)
+    return kept if kept is not None else mean(finish, best, say)
+
+
+def kept_maximum(finish: FinishChoice, best: Ending, scan: Scan | None = None) -> Ending | None:
+    """The likelihood's maximum where it is to be trusted; None where the posterior is weighed.
+
+    Parameters
+    ----------
+    finish, best, scan
+        As of `weigh`.
+    """
     problem = best.point.problem
     if finish == "likelihood" or not is_short(problem) or at_rounding(best.point):
         return best
     if len(problem.groups) > 1 or problem.n_delays:
         return best.told(SEPARATE)
-    cov = _told_apart(best)
-    longest = max(e.duration for e in problem.experiments)
-    vague = None if cov is None else vaguest(best.point.poles, cov, longest)
+    cov, vague = _vagueness(best)
     sound = best.status in SOUND
     sharp = vague is not None and vague.share < VAGUE
     if finish == "auto" and sound and sharp and not has_rivals(best.point, scan):
@@ -118,9 +128,22 @@ def weigh(
     contradicted = scatter is not None and scatter.contradicts
     if finish == "auto" and sound and known and contradicted:
         return best.told(CONTRADICTED)
+    longest = max(e.duration for e in problem.experiments)
     slow = cov is not None and is_slower_than_assumed(best.point.poles, cov, longest)
-    if finish == "auto" and sound and known and slow:
-        return best.told(SLOW)
+    return best.told(SLOW) if finish == "auto" and sound and known and slow else None
+
+
+def mean(finish: FinishChoice, best: Ending, say: Callable[[str], None]) -> Ending:
+    """The posterior mean, or the maximum where the mean does not explain the record.
+
+    Parameters
+    ----------
+    finish, best, say
+        As of `weigh`.
+    """
+    problem, sound = best.point.problem, best.status in SOUND
+    cov, vague = _vagueness(best)
+    scatter = None if cov is None else best.curvature.scatter
     say("the posterior, as the record leaves coefficients open")
     found = posterior(problem, [(best.point.poles, cov)])
     if not found.usable:
@@ -139,6 +162,13 @@ def weigh(
         trace=_continued(scattered.trace, point, found, _in_words(finish, vague, sound, best)),
         spread=_spread(point, found, scatter),
     )
+
+
+def _vagueness(best: Ending) -> tuple[Array | None, Vague | None]:
+    """`_told_apart`, and the vaguest coefficient of a section."""
+    cov = _told_apart(best)
+    longest = max(e.duration for e in best.point.problem.experiments)
+    return cov, None if cov is None else vaguest(best.point.poles, cov, longest)
 
 
 def _told_apart(best: Ending) -> Array | None:

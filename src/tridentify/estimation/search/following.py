@@ -77,6 +77,7 @@ MOST_FOLLOWED = 3
 CERTAIN = 0.1
 """Largest standard error of a pole over its decay rate (`Point.looseness`) for which nothing needs
 to be looked for elsewhere: a pole at a wrong place explains little and is loose."""
+AT_ONCE = "poles that the record may have"
 FURTHER = ("discrete", "spread", "relaxed")
 
 
@@ -195,8 +196,7 @@ class Search:
         """Where poles lead that the record may well have, in place of Laguerre starts."""
         own, at = Recorder(), partial(evaluate_variant, base, variant)
         point = (yield from finishing(at, at(base.admissible(near)[0]), own, MOST_TRIED))[0]
-        name = "poles that the record may have"
-        self.starts.append(Start(name, coefficients(point), mean_square(point)))
+        self.starts.append(Start(AT_ONCE, coefficients(point), mean_square(point)))
         self.recorder, self.variant = own, variant
         return SearchEnd(base, point, variant, np.inf, False)
 

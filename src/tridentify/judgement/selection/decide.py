@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tridentify.estimation.answer.cancelling import CANCELS
 from tridentify.estimation.answer.estimate import Estimate, Status
 from tridentify.estimation.likelihood.raster import are_even
 from tridentify.judgement.causes.surprises import moved
@@ -31,7 +32,7 @@ from tridentify.judgement.selection.rule import (
     recommend,
     refuted,
 )
-from tridentify.judgement.selection.soundness import CANCELS, apart_from_vagueness, doubts
+from tridentify.judgement.selection.soundness import apart_from_vagueness, doubts
 from tridentify.judgement.selection.table import SelectionTable
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.whiteness import is_white
@@ -132,6 +133,18 @@ def decide(known: OrderEvidence, least: int = 0) -> Decision:
     return Decision(tuple(rows), tuple(contenders), verdict)
 
 
+def unfinished(known: OrderEvidence, found: Decision) -> list[int]:
+    """Rows that stayed at their maximum although the decision may rest on them.
+
+    Those recommended or likeliest, and where the likelihood asks for a pole and a zero more.
+    """
+    contenders = known.table.contenders()
+    asked = refuted(contenders, [_order(row) for row in found.rows])
+    wanted = {found.verdict.place, choose(contenders), choose(found.contenders)}
+    wanted |= {k for k, one in enumerate(asked) if one}
+    return [k for k, entry in enumerate(known.whole) if not entry.whole and k in wanted]
+
+
 def _with_more(
     rows: Sequence[SelectionRow], contenders: Sequence[Contender], place: int | None
 ) -> int | None:
@@ -179,7 +192,7 @@ def _row(
         relative_std=widest_std,
         widest=widest,
         n_coefficients=free_coefficients(estimate),
-        identified=True,
+        identified=entry.whole,
         ok=estimate.status.ok,
     )
     if criteria is None or maximum is None:
@@ -199,14 +212,16 @@ def _objections(
     contenders: Sequence[Contender], rows: Sequence[SelectionRow]
 ) -> list[tuple[str, ...]]:
     """What speaks against each row where the likelihood has its say."""
-    orders: list[tuple[int, int] | None] = []
-    for row in rows:
-        n, m = row.structure.poles, row.structure.zeros
-        orders.append((n, m) if isinstance(n, int) and isinstance(m, int) else None)
+    orders = [_order(row) for row in rows]
     return [
         tuple(one for one in row.doubts if not (against and one == CANCELS))
         for row, against in zip(rows, refuted(contenders, orders), strict=True)
     ]
+
+
+def _order(row: SelectionRow) -> tuple[int, int] | None:
+    n, m = row.structure.poles, row.structure.zeros
+    return (n, m) if isinstance(n, int) and isinstance(m, int) else None
 
 
 def _is_sharp(row: SelectionRow) -> bool:

@@ -1,8 +1,9 @@
 """Every candidate finished on the likelihood's maximum, all on the same terms.
 
-1. Each candidate is finished from the best of its starts: balanced truncations of the parallel
-   model and a discrete-time model. Single poles or pairs are then tried elsewhere
-   (`search.following.Search.move`), as in the search of one structure.
+1. Each candidate is finished from the best of its starts: where it ended by itself, balanced
+   truncations of the parallel model and a discrete-time model. Where the parallel model explains
+   more, single poles or pairs are then tried elsewhere (`search.following.Search.move`), as in the
+   search of one structure.
 2. A candidate that contains another one cannot explain less. Where it does, its end was a local
    minimum, and it begins again from the poles of the lesser one with one pole more, taken from its
    own starts.
@@ -42,6 +43,7 @@ from tridentify.estimation.likelihood.levenberg_marquardt import (
 )
 from tridentify.estimation.likelihood.noise_model import MOSTLY
 from tridentify.estimation.likelihood.nuisance import Nuisances, candidates
+from tridentify.estimation.likelihood.open_zero import STAYED
 from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.likelihood.question import Question
 from tridentify.estimation.likelihood.raster import are_even
@@ -58,6 +60,8 @@ from tridentify.numerics.autoregression import (
     fit_autoregression,
     most_coefficients,
 )
+from tridentify.numerics.rational import scaled_roots
+from tridentify.numerics.realization import sort_poles
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.numerics.whiteness import input_share, is_white
 from tridentify.record.record import Record
@@ -82,7 +86,8 @@ class CandidateTask:
 
     ``shared`` says that it can be finished from ``seeds``; otherwise ``method`` identifies it.
     Where a candidate comes to ``reach``, the AICc of the parallel model, there is nothing left to
-    search for. ``found`` is what ``method`` gave where it was asked already.
+    search for. ``found`` is what ``method`` gave where it was asked already. ``whole`` says that
+    the method goes to its end also where its maximum shows that a zero is not determined.
     """
 
     records: tuple[Record, ...]
@@ -94,13 +99,15 @@ class CandidateTask:
     search: bool = True
     reach: float = -np.inf
     found: Estimate | None = None
+    whole: bool = True
 
 
 @dataclass(frozen=True, eq=False)
 class Entry:
     """What became of a candidate: an estimate with its residuals, or the reason why not.
 
-    ``longest`` is the duration of the longest experiment [s].
+    ``longest`` is the duration of the longest experiment [s]; ``whole`` is as of the task, and
+    true where the method came to its end all the same.
     """
 
     structure: Structure
@@ -110,6 +117,7 @@ class Entry:
     poles: Complex | None = None
     shared: bool = True
     longest: float = 1.0
+    whole: bool = True
 
 
 def run_task(task: CandidateTask) -> Entry:
@@ -126,11 +134,17 @@ def run_task(task: CandidateTask) -> Entry:
         reason = str(error).partition("\n")[0] or type(error).__name__
         return Entry(task.structure, None, reason, shared=task.shared)
     longest = max(record.duration for record in task.records)
-    return Entry(task.structure, estimate, "", residuals, poles, task.shared, longest)
+    whole = STAYED not in estimate.trace.decisions
+    return Entry(task.structure, estimate, "", residuals, poles, task.shared, longest, whole)
 
 
 def _identified(task: CandidateTask) -> Estimate:
-    return task.found or task.method.estimate(task.records, task.structure)
+    if task.found is not None:
+        return task.found
+    method = task.method
+    if isinstance(method, ThreeModel) and method.finish == "auto":
+        return method.estimate(task.records, task.structure, whole=task.whole)
+    return method.estimate(task.records, task.structure)
 
 
 def _finished(task: CandidateTask) -> tuple[Estimate, Complex]:
@@ -162,11 +176,21 @@ def _best(base: Problem, variants: Sequence[Variant], task: CandidateTask) -> Po
     points = sorted((at(poles) for poles in seeds), key=lambda point: point.objective)
     if not task.search:
         return points[0]
-    ends = [finish(at, point, None, FEW_STEPS)[0] for point in points[:FOLLOWED]]
+    ends = []
+    for point in points[:FOLLOWED]:
+        ends.append(finish(at, point, None, FEW_STEPS)[0])
+        if at_rounding(ends[-1]) or criterion(ends[-1]) < task.reach + ALLOWANCE:
+            return ends[-1]
     best = min(ends, key=lambda point: point.objective)
-    if at_rounding(best) or criterion(best) < task.reach + ALLOWANCE:
-        return best
     return Search(1).move(SearchEnd(base, best, variant, np.inf, False))
+
+
+def seeded(task: CandidateTask, alone: Entry | None) -> CandidateTask:
+    """The candidate, begun also from where it ended by itself."""
+    if alone is None or alone.estimate is None or not task.shared:
+        return task
+    poles = sort_poles(scaled_roots(alone.estimate.model.den[0][0]))
+    return replace(task, seeds=(poles, *task.seeds))
 
 
 def contained(small: Entry, large: Entry, shape: tuple[int, int]) -> bool:

@@ -34,7 +34,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 
 from tridentify.estimation.answer.trace import freeze_arrays
 from tridentify.estimation.likelihood.nuisance import build_base, candidates
@@ -143,17 +142,21 @@ def hankel_values(
         (_weights(base, variant, np.asarray(poles, complex)), name) for name, poles in operators
     ]
     best, name = min(found, key=lambda pair: pair[0].criterion)
-    values = _singular_values(best.bank.a, best.rows)
     rng = np.random.default_rng(0)
-    alone = np.array([_singular_values(best.bank.a, best.draw(rng)) for _ in range(DRAWS)])
-    limits = np.quantile(alone, LEVEL, axis=0)
-    return Hankel(values, limits, float(limits[0]), f"{best.bank.order} operators, {name}")
+    alone = [best.draw(rng) for _ in range(DRAWS)]
+    values = _singular_values(best.bank.a, np.array([best.rows, *alone]))
+    limits = np.quantile(values[1:], LEVEL, axis=0)
+    return Hankel(values[0], limits, float(limits[0]), f"{best.bank.order} operators, {name}")
 
 
 def _singular_values(a: Array, c: Array) -> Array:
-    """Roots of the eigenvalues of the observability Gramian."""
-    gramian = scipy.linalg.solve_continuous_lyapunov(a.T, -(c.T @ c))
-    values = np.linalg.eigvalsh(0.5 * (gramian + gramian.T))[::-1]
+    """(..., q) roots of the eigenvalues of the observability Gramians of (..., r, q) weights."""
+    q = len(a)
+    # one equation for all: A' Q + Q A in the entries of Q
+    along = np.kron(a.T, np.eye(q)) + np.kron(np.eye(q), a.T)
+    energies = np.swapaxes(c, -1, -2) @ c
+    gramians = np.linalg.solve(along, -energies.reshape(-1, q * q).T).T.reshape(energies.shape)
+    values = np.linalg.eigvalsh(0.5 * (gramians + np.swapaxes(gramians, -1, -2)))[..., ::-1]
     return np.asarray(np.sqrt(np.maximum(values, 0.0)))
 
 

@@ -5,10 +5,14 @@ for its structure, its fit, and the fit on samples left out in turn. A row does 
 company it keeps.
 
 What decides compares them, and a likelihood can only be compared on the same terms. So the
-candidates are finished once more on the maximum of one likelihood, with one noise model and the
-same nuisance terms (`contest`); there they share their work: the parallel model is fitted once
-(`shared`) and gives all of them their starts, and local minima show by comparison with lesser
-candidates.
+candidates are finished once more, from where each ended, on the maximum of one likelihood, with one
+noise model and the same nuisance terms (`contest`); there they share their work: the parallel model
+is fitted once (`shared`) and gives all of them further starts, and local minima show by comparison
+with lesser candidates.
+
+Where a zero of a candidate is not determined at its maximum, `identify` would search on and weigh
+the posterior, which takes longer than all the rest and says so once more. Such a row stays at the
+maximum, and says so, unless the likelihood asks for it or it would be recommended (`unfinished`).
 """
 
 from __future__ import annotations
@@ -28,26 +32,16 @@ from tridentify.judgement.causes.intersample import IN_WORDS, TAKEN, behaviours
 from tridentify.judgement.causes.wild_beginning import without_wild_beginning
 from tridentify.judgement.choice import checked_method, listed, with_judgement
 from tridentify.judgement.selection.beside import bent, drifting
+from tridentify.judgement.selection.contest import Contest
 from tridentify.judgement.selection.decide import (
     Decision,
     OrderEvidence,
     decide,
     follows_input,
     misleads,
+    unfinished,
 )
-from tridentify.judgement.selection.finish_candidates import (
-    MOST_ROUNDS,
-    WORSE,
-    CandidateTask,
-    Entry,
-    contained,
-    narrowed,
-    noise_orders,
-    nuisance_choices,
-    raised,
-    run_task,
-    with_nuisances,
-)
+from tridentify.judgement.selection.finish_candidates import CandidateTask, Entry, run_task, seeded
 from tridentify.judgement.selection.hankel import Hankel, hankel_values
 from tridentify.judgement.selection.held_out import HeldEstimate, HeldOut, cross_fit
 from tridentify.judgement.selection.higher import higher_candidates
@@ -62,7 +56,7 @@ from tridentify.judgement.selection.result import Selection, SelectionRow
 from tridentify.judgement.selection.settle import having_said, resettled, resettled_again, settle
 from tridentify.judgement.selection.shared import Shared, shared_models
 from tridentify.judgement.selection.table import SelectionTable, table_of
-from tridentify.judgement.selection.words import in_words, notes
+from tridentify.judgement.selection.words import in_words, notes, whose
 from tridentify.numerics.arrays import Complex
 from tridentify.numerics.executor import Executor
 from tridentify.numerics.threads import one_blas_thread
@@ -165,7 +159,7 @@ def select_structure(
             more := higher_candidates(work.records, structures, opened.table, chosen)
         ):
             structures, work = more.structures, replace(work, found=(*work.found, more.poles))
-            opened = work.opened(structures)
+            opened = work.opened(structures, opened.whole)
         other = resettled(given, unseen, settled, opened.table, chosen)
         if other is not None:
             settled, work = other, replace(work, records=other.records, identified=None)
@@ -192,10 +186,10 @@ def _check_channels(records: Sequence[Record], unseen: Sequence[Record]) -> None
 
 @dataclass(frozen=True, eq=False)
 class _Opened:
-    """The candidates, compared on the maximum of one likelihood."""
+    """The candidates by themselves, and compared on the maximum of one likelihood."""
 
-    tasks: tuple[CandidateTask, ...]
     table: SelectionTable
+    whole: tuple[Entry, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,12 +225,19 @@ class _Work:
             self.say(f"{said}: {done} of {len(tasks)} done")
         return found
 
-    def opened(self, structures: Sequence[Structure]) -> _Opened:
-        """The contest of the candidates on the maximum of one likelihood."""
+    def opened(self, structures: Sequence[Structure], before: Sequence[Entry] = ()) -> _Opened:
+        """Each candidate as `identify` gives it, and the contest from there.
+
+        Those of ``before``, of the same records, are not identified again.
+        """
         self.say("the parallel model, for all candidates")
-        shared = self._shared(structures)
-        tasks = self._tasks(structures, shared)
-        return _Opened(tuple(tasks), self.contest(tasks, shared))
+        tasks = self._tasks(structures, self._shared(structures))
+        alone = self._identified(tasks, before)
+        tasks = [seeded(task, alone.get(k)) for k, task in enumerate(tasks)]
+        table = Contest(self.records, self.method, self.run).table(tasks)
+        # one that the whole search refuses is refused, whatever the contest made of it
+        whole = (alone.get(k, entry) for k, entry in enumerate(table.entries))
+        return _Opened(table, tuple(whole))
 
     def selection(
         self,
@@ -245,51 +246,72 @@ class _Work:
         unseen: tuple[Record, ...],
         told: tuple[str, ...],
     ) -> Selection:
-        """What follows the contest: whole searches, held-out samples, the recommendation."""
-        table = opened.table
-        whole = self._identified(opened.tasks, table)
-        held = self._held_out(whole, structures, unseen)
+        """What follows the contest: held-out samples, the recommendation."""
         evidence = OrderEvidence(
             self.records,
             unseen or self.records,
             tuple(structures),
-            table,
-            tuple(whole),
-            tuple(held),
+            opened.table,
+            opened.whole,
+            tuple(self._held_out(opened.whole, structures, unseen)),
         )
         if self.free:
             asked = integrating(evidence.rows(), self.records)
             evidence = self._with(evidence, asked, "candidates with a pole at zero", unseen)
-        found = decide(evidence)
+        evidence, found = self._decided(evidence, unseen)
         if self.free:
             asked = drifting(found.rows, found.verdict.place, self.records)
             evidence = self._with(evidence, asked, "candidates with a drift", unseen)
-            found = decide(evidence) if asked else found
+            evidence, found = self._decided(evidence, unseen) if asked else (evidence, found)
         if self.late and isinstance(self.method, ThreeModel):
             self.say("whether a delay is missing")
             asked = delayed(found.rows, found.verdict.place, self.records)
             evidence = self._with(evidence, asked, "candidates with a delay", unseen)
-            found = decide(evidence) if asked else found
-        rows, found, hankel = self._concluded(evidence, found)
+            evidence, found = self._decided(evidence, unseen) if asked else (evidence, found)
+        evidence, rows, found, hankel = self._concluded(evidence, found, unseen)
         asked = direct_and_delayed(rows, found.verdict.place, self.records) if self.late else []
         if asked and isinstance(self.method, ThreeModel):
             said = "candidates with a delay and as many zeros as poles"
             evidence = self._with(evidence, asked, said, unseen)
-            rows, found, hankel = self._concluded(evidence, decide(evidence))
+            evidence, found = self._decided(evidence, unseen)
+            evidence, rows, found, hankel = self._concluded(evidence, found, unseen)
         place, table = found.verdict.place, evidence.table
         missed = place is not None and self._missed(evidence.whole[place])
         coloured = place is not None and misleads(evidence.whole[place], self.records)
         reason = in_words(rows, found.contenders, found.verdict, missed, coloured)
-        told = (*told, *notes(table.noise, bool(unseen)))
+        told = (*told, *notes(table.noise, bool(unseen)), whose(rows))
         return Selection(tuple(rows), None if place is None else rows[place], reason, hankel, told)
 
+    def _decided(
+        self, known: OrderEvidence, unseen: tuple[Record, ...], least: int = 0
+    ) -> tuple[OrderEvidence, Decision]:
+        """The decision, the rows that it rests on carried to their end."""
+        found = decide(known, least)
+        while places := unfinished(known, found):
+            known = self._carried_on(known, places, unseen)
+            found = decide(known, least)
+        return known, found
+
+    def _carried_on(
+        self, known: OrderEvidence, places: Sequence[int], unseen: tuple[Record, ...]
+    ) -> OrderEvidence:
+        """The same with rows carried to their end."""
+        asked = [known.structures[k] for k in places]
+        tasks = [CandidateTask(self.records, one, self.method, shared=False) for one in asked]
+        ends = self.counted(run_task, tasks, "rows that stayed at their maximum")
+        held = self._held_out(ends, asked, unseen)
+        whole, errors = list(known.whole), list(known.held)
+        for k, end, own in zip(places, ends, held, strict=True):
+            whole[k], errors[k] = replace(end, whole=True), own
+        return replace(known, whole=tuple(whole), held=tuple(errors))
+
     def _concluded(
-        self, evidence: OrderEvidence, found: Decision
-    ) -> tuple[list[SelectionRow], Decision, Hankel | None]:
+        self, evidence: OrderEvidence, found: Decision, unseen: tuple[Record, ...]
+    ) -> tuple[OrderEvidence, list[SelectionRow], Decision, Hankel | None]:
         """Also by poles that rise above the noise and by what bends; the row with all it says."""
         hankel = self._hankel(evidence.table, found.verdict.place)
         if hankel is not None:
-            again = decide(evidence, hankel.order)
+            evidence, again = self._decided(evidence, unseen, hankel.order)
             if again.verdict.place != found.verdict.place:
                 found = again
                 hankel = self._hankel(evidence.table, again.verdict.place)
@@ -303,7 +325,7 @@ class _Work:
         rows, place = list(found.rows), found.verdict.place
         if place is not None:
             rows[place] = self._judged(rows[place])
-        return rows, found, hankel
+        return evidence, rows, found, hankel
 
     def _held_out(
         self, whole: Sequence[Entry], asked: Sequence[Structure], unseen: tuple[Record, ...]
@@ -377,102 +399,18 @@ class _Work:
             found.append(replace(task, found=estimate) if structure is asked else task)
         return found
 
-    def contest(self, tasks: Sequence[CandidateTask], shared: Shared | None) -> SelectionTable:
-        """Every candidate on the likelihood's maximum, on the same terms (`contest`)."""
-        orders = (0,) * self.records[0].n_outputs
-        entries = self.run(run_task, tasks, f"{len(tasks)} candidates from shared starts")
-        table = table_of(self._improved(tasks, entries, shared, orders), self.records, orders)
-        for _ in range(MOST_ROUNDS):
-            best = table.best("aicc")
-            if best is None:
-                return table
-            if not (isinstance(self.method, ThreeModel) and self.method.noise == "white"):
-                orders = noise_orders(table.entries[best], self.records)
-            table = table_of(table.entries, self.records, orders)
-            pinned = self._same_nuisances(tasks, table, orders)
-            own = [
-                narrowed(task, (*task.seeds, entry.poles), noise)
-                for task, entry, noise in zip(pinned, table.entries, table.noise, strict=True)
-                if entry.poles is not None and entry.shared
-            ]
-            done = iter(self.run(run_task, own, "all candidates on the same terms"))
-            entries = []
-            for entry in table.entries:
-                again = next(done) if entry.poles is not None and entry.shared else entry
-                entries.append(entry if again.estimate is None else again)
-            entries = self._improved(pinned, entries, shared, orders)
-            table = table_of(entries, self.records, orders)
-            if not any(orders):
-                break
-        return table
-
-    def _same_nuisances(
-        self, tasks: Sequence[CandidateTask], table: SelectionTable, orders: tuple[int, ...]
-    ) -> list[CandidateTask]:
-        """The tasks with the nuisance terms of lowest BIC, of the candidate of lowest BIC."""
-        best = table.best("bic")
-        if best is None or not table.entries[best].shared:
-            return list(tasks)
-        task, entry = tasks[best], table.entries[best]
-        assert entry.poles is not None
-        open_ = nuisance_choices(self.records, task.structure)
-        if len(open_) < 2:
-            return list(tasks)
-        tried = [
-            narrowed(with_nuisances(task, terms), (entry.poles,), table.noise[best])
-            for terms in open_
-        ]
-        entries = self.run(run_task, tried, "which nuisance terms")
-        chosen = table_of(entries, self.records, orders).best("bic")
-        if chosen is None:
-            return list(tasks)
-        return [with_nuisances(task, open_[chosen]) if task.shared else task for task in tasks]
-
-    def _improved(
-        self,
-        tasks: Sequence[CandidateTask],
-        entries: Sequence[Entry],
-        shared: Shared | None,
-        orders: tuple[int, ...],
-    ) -> list[Entry]:
-        """Candidates that explain less than one that they contain begin again from there."""
-        found = list(entries)
-        shape = self.records[0].n_outputs, self.records[0].n_inputs
-        table = table_of(found, self.records, orders)
-        retries: list[tuple[int, CandidateTask]] = []
-        for k, (task, entry) in enumerate(zip(tasks, found, strict=True)):
-            if not entry.shared or entry.poles is None or shared is None:
-                continue
-            own = table.criteria[k]
-            for j, small in enumerate(found):
-                lesser = table.criteria[j]
-                if own is None or lesser is None or small.poles is None:
-                    continue
-                if not contained(small, entry, shape):
-                    continue
-                if own.deviance > lesser.deviance + WORSE:
-                    seeds = [small.poles]
-                    if entry.poles.size > small.poles.size:
-                        seeds = raised([*task.seeds, entry.poles], small.poles)
-                    noise = table.noise[j] if any(orders) else ()
-                    retries.append((k, replace(task, seeds=tuple(seeds), noise=noise)))
-        said = "candidates that fell behind lesser ones again"
-        outcomes = self.run(run_task, [task for _, task in retries], said) if retries else []
-        for (k, _), entry in zip(retries, outcomes, strict=True):
-            other = table_of([entry], self.records, orders).criteria[0]
-            own = table_of([found[k]], self.records, orders).criteria[0]
-            if other is not None and own is not None and other.deviance < own.deviance:
-                found[k] = entry
-        return found
-
-    def _identified(self, tasks: Sequence[CandidateTask], table: SelectionTable) -> list[Entry]:
-        """What `identify` gives for every candidate."""
-        wanted = [k for k, entry in enumerate(table.entries) if entry.shared]
-        whole = [replace(tasks[k], shared=False) for k in wanted]
-        found = self.counted(run_task, whole, "the whole search for each")
-        outcomes = dict(zip(wanted, found, strict=True))
-        # one that the whole search refuses is refused, whatever the contest made of it
-        return [outcomes.get(k, entry) for k, entry in enumerate(table.entries)]
+    def _identified(
+        self, tasks: Sequence[CandidateTask], before: Sequence[Entry]
+    ) -> dict[int, Entry]:
+        """What `identify` gives for every candidate of the contest, by its place."""
+        known = {id(one.structure): one for one in before}
+        ids = [id(task.structure) for task in tasks]
+        found = {k: known[own] for k, own in enumerate(ids) if own in known}
+        wanted = [k for k, task in enumerate(tasks) if task.shared and k not in found]
+        alone = [replace(tasks[k], shared=False, whole=False) for k in wanted]
+        return found | dict(
+            zip(wanted, self.counted(run_task, alone, "the whole search for each"), strict=True)
+        )
 
     def _hankel(self, table: SelectionTable, place: int | None) -> Hankel | None:
         """On operators with the poles of the recommended candidate."""

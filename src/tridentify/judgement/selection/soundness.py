@@ -8,20 +8,15 @@ zero within their errors, its leading numerator coefficient may be anything.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tridentify.estimation.answer.cancelling import LASTING, cancelling
 from tridentify.estimation.answer.estimate import Estimate, Status
 from tridentify.estimation.posterior.mean import vagueness
 from tridentify.judgement.selection.numbers import share
-from tridentify.numerics.arrays import Array
 from tridentify.numerics.realization import sort_poles
 from tridentify.record.record import Record
-
-CANCELS = "a pole and a zero cancel within their errors"
-"""Said by a covariance; the likelihood may refute it (`rule.refuted`)."""
 
 SWING = "beside faster modes, a swing that is slower than the record"
 """Said where `ONE_PERIOD` is not reached; no objection where larger candidates explain no more."""
@@ -36,15 +31,9 @@ MANY_RECORDS = 5.0
 """Time constant over the longest record from which it cannot have been seen: the response has moved
 by less than a fifth of the way, a straight line and a constant do as well."""
 
-LASTING = 3.0
-"""Decay over the record [nepers] below which a swing is not over at its end: 5 percent are left."""
-
 ONE_PERIOD = 2.0 * np.pi
 """Natural frequency times the record [rad] below which a swing that lasts has not come round once:
 beside faster modes it is not told from a drift that the input has no part in."""
-
-WITHIN = 2.0
-"""Standard errors of the distance between a pole and a zero within which they cancel."""
 
 
 def doubts(estimate: Estimate, records: Sequence[Record]) -> tuple[str, ...]:
@@ -137,68 +126,3 @@ def undetermined(estimate: Estimate, longest: float) -> list[str]:
         best = min(free, key=lambda one: one.relative_std)
         found.append(f"{best.name}{KNOWN_TO}{share(best.relative_std)}")
     return found
-
-
-def cancelling(estimate: Estimate, longest: float) -> list[str]:
-    """What says that a pole lies on a zero of every channel, in words; empty where none does."""
-    within, close = [], []
-    for i in range(len(estimate.output_names)):
-        for j in range(len(estimate.input_names)):
-            num, den, cov = estimate.channel(i, j)
-            if np.trim_zeros(num, "f").size < 2:
-                return []
-            within.append(_covered(num, den, cov))
-            close.append(_close(num, den, longest))
-    shared = estimate.structure.shared
-    if _in_all(within, shared):
-        return [CANCELS]
-    if not estimate.structure.constrained and _in_all(close, shared):
-        return ["a pole and a zero lie closer together than a record of this length tells apart"]
-    return []
-
-
-def _in_all(on: Sequence[NDArray[np.bool_]], shared: bool) -> bool:
-    """Whether one pole is meant in all channels; in any, where each has poles of its own."""
-    if shared:
-        return bool(np.any(np.all(np.array(on), axis=0)))
-    return any(bool(np.any(one)) for one in on)
-
-
-def _close(num: Array, den: Array, longest: float) -> NDArray[np.bool_]:
-    """(n_poles,) whether a slowly decaying pole lies near a zero.
-
-    The response to both together differs from none by ``exp`` of their distance times the length:
-    what they do is a slow swing, begun once and not yet over.
-    """
-    poles, zeros = np.roots(den), np.roots(np.trim_zeros(num, "f"))
-    found = np.zeros(poles.size, dtype=bool)
-    if not zeros.size:
-        return found
-    apart = np.min(np.abs(zeros[None, :] - poles[:, None]), axis=1)
-    return np.asarray((apart * longest < 1.0) & (np.abs(poles.real) * longest < LASTING))
-
-
-def _covered(num: Array, den: Array, cov: Array) -> NDArray[np.bool_]:
-    """(n_poles,) whether a zero lies on a pole within the errors of their distance."""
-    poles, zeros = np.roots(den), np.roots(num)
-    if zeros.size != num.size - 1:
-        return np.zeros(poles.size, dtype=bool)
-    cov = cov[:-1, :-1]
-    n = den.size - 1
-    found = np.zeros(n, dtype=bool)
-    with np.errstate(all="ignore"):
-        da = -_powers(poles, n) / np.polyval(np.polyder(den), poles)[:, None]
-        db = -_powers(zeros, num.size) / np.polyval(np.polyder(num), zeros)[:, None]
-    for k, pole in enumerate(poles):
-        nearest = int(np.argmin(np.abs(zeros - pole)))
-        row = np.concatenate([da[k], -db[nearest]])
-        if not np.all(np.isfinite(row)):
-            continue
-        spread = float(np.real(row @ cov @ row.conj()))
-        found[k] = abs(pole - zeros[nearest]) < WITHIN * np.sqrt(max(spread, 0.0))
-    return found
-
-
-def _powers(roots: NDArray[Any], count: int) -> NDArray[np.complex128]:
-    """(n_roots, count) powers, the highest first."""
-    return np.asarray(np.power.outer(np.asarray(roots, complex), np.arange(count - 1, -1, -1)))
