@@ -269,10 +269,8 @@ def agreed(record, structure, method=None):
 @pytest.mark.parametrize("options", [REST, FREE], ids=["rest", "free state, offset"])
 @pytest.mark.parametrize("name", list(SYSTEMS), ids=str)
 @pytest.mark.fast(
-    "one zero-*",
+    "one zero-free*",
     "first order-rest-0.3",
-    "biproper-free state, offset-0.3",
-    "resonant-rest-0.3",
 )
 def test_without_forgetting_it_ends_where_offline_does(name, options, noise):
     record, _ = recorded(name, 2500, noise, offset=2.0 if options is FREE else 0.0)
