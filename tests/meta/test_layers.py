@@ -34,7 +34,7 @@ EXITS = {
 
 # ------------------------------------------------------------------------------ our own graph
 Nodes = list[ast.AST]
-"""What a source says that counts here, found in one walk through its hundred times as many nodes."""
+"""What a source says that counts here, found in one walk through all of its nodes."""
 
 
 def nodes_of(source: str) -> Nodes:
