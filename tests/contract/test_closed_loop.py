@@ -255,6 +255,7 @@ def test_a_fixed_coefficient():
 
 
 @pytest.mark.unjudged
+@pytest.mark.slow
 def test_a_coefficient_at_its_bound():
     bound = tri.Structure(2, 1, bounds={"a1": (1.6, None)})
     held = tri.identify(record_of(11, n=400), bound)

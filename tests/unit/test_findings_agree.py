@@ -122,6 +122,7 @@ def spoiled(loss, seed=6):
 
 @pytest.mark.parametrize("loss", ["huber", "student"])
 @pytest.mark.fast("huber")
+@pytest.mark.slow
 def test_a_robust_fit_is_not_told_to_use_a_robust_loss(loss):
     estimate, _ = spoiled(loss)
     # bad samples of another record were not set aside
