@@ -348,6 +348,7 @@ def test_ends_where_offline_does_on_rao_garnier(snr):
     agreed(rao_garnier(7161, snr, 1), Structure(4, 1, **REST))
 
 
+@pytest.mark.slow
 def test_ends_where_offline_does_on_a_jittered_clock():
     rng = np.random.default_rng(8)
     t = np.cumsum(DT * rng.uniform(0.4, 1.6, 4000))
