@@ -173,7 +173,7 @@ def with_two_poles(made, seed):
 
 
 @pytest.mark.parametrize("code", CAUSES)
-@pytest.mark.fast("lost-rows", "disagreeing-experiments")
+@pytest.mark.fast("lost-rows", "varying", "disagreeing-experiments")
 def test_the_cause_is_named_first(code):
     estimate = with_two_poles(CAUSES[code], 3)
     first = estimate.findings[0]
