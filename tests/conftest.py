@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import dataclasses
 import gc
 import os
 import sys
+import traceback
+import warnings
 from collections.abc import Generator, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import hypothesis
+import numpy as np
 import pytest
 from _pytest.doctest import DoctestModule
 
 from fast_cases import leave_the_others_to_the_slow_run
+from tridentify.errors import DataWarning
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
 from tridentify.judgement import choice
+from tridentify.record.formats import isolated, isolation
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 
@@ -134,6 +140,54 @@ def _drawn_where_it_is_looked_at(
     """
     if QUICK and request.node.get_closest_marker("undrawn"):
         _left_blank(monkeypatch)
+
+
+class _Nobody:
+    """In the place of the process that reads a file."""
+
+    def __init__(self, *_: object) -> None:
+        self.source: Any = None
+        self.stdin = None
+
+    def end(self) -> None:
+        """A process that ends leaves nothing open, and says nothing of it."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ResourceWarning)
+            self.source = None
+
+
+def _read_here(file: Any, message: dict[str, Any]) -> tuple[dict[str, Any], Sequence[Any]]:
+    """What `isolated.serve` answers, without the process."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("ignore")
+        warnings.simplefilter("always", DataWarning)
+        try:
+            if "module" in message:
+                source = file._process.source = isolated.open_here(message["module"], file.path)
+                header = {"channels": [dataclasses.asdict(one) for one in source.channels]}
+                arrays: Sequence[Any] = ()
+            else:
+                header, arrays = {}, isolated._arrays(file._process.source, message)
+                arrays = [np.ascontiguousarray(one, dtype="<f8").ravel() for one in arrays]
+        except BaseException as error:
+            traceback.clear_frames(error.__traceback__)  # what they hold open would be told later
+            refusal = file._refusal(isolated._described(error))
+            raise refusal from None
+    return {**header, "said": isolated._said(caught)}, arrays
+
+
+@pytest.fixture(autouse=True)
+def _isolated_where_it_counts(
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Read files in this process, where a test looks at what is in them.
+
+    To start a process takes a hundred times as long. `make test-all` reads as users do.
+    """
+    marked = request.node.get_closest_marker
+    if QUICK and marked("unisolated") and not marked("isolated"):
+        monkeypatch.setattr(isolation, "ChildProcess", _Nobody)
+        monkeypatch.setattr(isolation.IsolatedFile, "_ask", _read_here)
 
 
 @pytest.fixture(scope="module", autouse=True)

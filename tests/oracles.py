@@ -43,13 +43,15 @@ def by_exponential(num, den, u, dt, intersample="zoh", initial=None):
     block = np.zeros((n + 2, n + 2))
     block[:n, :n], block[:n, n], block[n, n + 1] = a, b, 1.0
     step = expm(block)
-    slope = np.append(np.diff(u), 0.0) if intersample == "foh" else np.zeros(u.size)
-    y = np.empty(u.size)
+    driven = np.outer(u, step[:n, n])
+    if intersample == "foh":
+        driven += np.outer(np.append(np.diff(u), 0.0), step[:n, n + 1])
+    states, free = np.empty((u.size, n)), step[:n, :n]
     x = np.zeros(n) if initial is None else np.asarray(initial, float) / dt ** np.arange(1.0, n + 1)
     for k in range(u.size):
-        y[k] = row @ x + direct * u[k]
-        x = step[:n, :n] @ x + step[:n, n] * u[k] + step[:n, n + 1] * slope[k]
-    return y
+        states[k] = x
+        x = free @ x + driven[k]
+    return states @ row + direct * u
 
 
 def by_integration(num, den, force, t):

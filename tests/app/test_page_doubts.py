@@ -63,6 +63,7 @@ def test_samples_that_a_doubt_names_are_left_out_by_a_button(seen):
     expect(seen.page.locator("#result .findings")).to_contain_text("samples are missing")
 
 
+@pytest.mark.slow
 def test_what_a_sensor_clipped_is_left_out_by_a_button(seen):
     doubt = {"code": "saturation", "severity": "error", "message": "It stays there.",
              "outputs": ["q"], "remedy": "Mark as missing (nan, record.mask) where it is "

@@ -31,6 +31,7 @@ def test_the_fit_of_each_of_several_outputs_has_its_name(seen):
     expect(legend).to_have_text(re.compile(r"fit q \d+\.\d\s%, alpha \d+\.\d\s%$"))
 
 
+@pytest.mark.slow
 def test_a_comparison_of_many_outputs_is_not_cut(seen):
     seen.open("second.csv")
     seen.open("first.csv")

@@ -11,6 +11,8 @@ import pytest
 
 from tridentify.record.formats import summary
 
+pytestmark = pytest.mark.unisolated
+
 N = 200
 
 

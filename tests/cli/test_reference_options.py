@@ -17,7 +17,7 @@ DRIVEN = (*ASKED, "--reference", "q_cmd")
 def looped(write_table, held) -> Path:
     """A proportional controller with noise in its sensor around a known plant."""
     rng = np.random.default_rng(7)
-    n = 600
+    n = 400
     r = np.where(np.arange(n) // 100 % 2 == 0, 0.0, 1.0)
     u, x = np.zeros(n), 0.0
     y = np.zeros(n)

@@ -136,10 +136,16 @@ def test_the_reference_route_is_taken_by_itself_and_told():
 
 
 @pytest.mark.unjudged
+@pytest.mark.slow
 def test_without_a_reference_the_route_is_not_reference():
     record = record_of(n=300)
     bare = tri.Record(record.u, record.y, dt=DT)
     assert tri.identify(bare, ORDERS).route != "reference"
+
+
+def test_the_reference_route_without_a_reference_is_refused():
+    record = record_of(n=300)
+    bare = tri.Record(record.u, record.y, dt=DT)
     with pytest.raises(tri.errors.TridentifyError, match="reference"):
         tri.identify(bare, ORDERS, tri.ThreeModel(route="reference"))
 
@@ -249,6 +255,7 @@ def test_a_fixed_coefficient():
 
 
 @pytest.mark.unjudged
+@pytest.mark.slow
 def test_a_coefficient_at_its_bound():
     bound = tri.Structure(2, 1, bounds={"a1": (1.6, None)})
     held = tri.identify(record_of(11, n=400), bound)

@@ -508,7 +508,7 @@ def test_a_start_takes_the_place_of_the_search(key):
     plain = METHODS[key](case.dt)
     options = {name: getattr(plain, name) for name in ("drift",) if hasattr(plain, name)}
     method = type(plain)(start=near, **options)
-    run = ran(method, record, case.structure, every=50 * case.dt)
+    run = ran(method, record, case.structure, every=150 * case.dt)
     ready = run.time[np.all(np.isfinite(run.theta), axis=1)]
     assert ready[0] < 200 * case.dt
     if key != "gradient":

@@ -28,7 +28,7 @@ def held(level, n=400):
 
 
 @pytest.mark.parametrize(("noise", "route"), [("white", "open-loop"), ("auto", "direct")])
-@pytest.mark.fast("white-open-loop")
+@pytest.mark.slow
 def test_a_set_point_that_never_moves_is_none(noise, route):
     record, quick = held(1.0), ThreeModel(starts=1, noise=noise, finish="likelihood")
     found = identify(record, Structure(2, 1), quick)

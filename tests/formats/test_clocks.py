@@ -12,6 +12,8 @@ from tridentify import errors
 from tridentify.record.formats.assemble import Wanted, record_from
 from tridentify.record.formats.channels import Channel
 
+pytestmark = pytest.mark.unisolated
+
 
 class Logged:
     """Channels with a clock each."""

@@ -19,6 +19,8 @@ from tridentify.record.formats import isolation
 from tridentify.record.formats.read import FORMATS
 from tridentify.record.record import Record
 
+pytestmark = pytest.mark.unisolated
+
 EXTRA = {"h5py": "matlab", "pyulog": "ulog", "asammdf": "mdf", "openpyxl": "excel"}
 
 
@@ -234,6 +236,7 @@ def misbehave(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         ("raise", errors.UnreadableFileError, "damaged content"),
     ],
 )
+@pytest.mark.isolated
 def test_a_reader_that_fails_is_one_clear_error(
     misbehave, monkeypatch: pytest.MonkeyPatch, deed: str, error: type[Exception], words: str
 ) -> None:
@@ -245,12 +248,14 @@ def test_a_reader_that_fails_is_one_clear_error(
     assert not list(Path(tempfile.gettempdir()).iterdir())
 
 
+@pytest.mark.isolated
 def test_what_a_reader_prints_goes_nowhere(misbehave, capfd: pytest.CaptureFixture[str]) -> None:
     assert [list(values) for values in misbehave("print")] == [[0, 1, 2], [0, 1, 2]]
     assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.fast("run.npz", "run.ulg")
+@pytest.mark.isolated
 def test_the_child_ends_with_the_reading(sample) -> None:
     if sample.path.suffix == ".csv":
         pytest.skip("text is read in this process")
@@ -268,6 +273,7 @@ def test_the_child_ends_with_the_reading(sample) -> None:
 
 
 # -------------------------------------------------------------------------------- special paths
+@pytest.mark.isolated
 def test_pipes_devices_and_directories_are_refused_at_once(tmp_path: Path) -> None:
     for name in ("pipe.ulg", "pipe.mat", "pipe.parquet"):
         if hasattr(os, "mkfifo"):
@@ -285,6 +291,7 @@ def test_pipes_devices_and_directories_are_refused_at_once(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("suffix", [".parquet", ".npz", ".mat", ".ulg", ".mf4", ".feather"])
+@pytest.mark.isolated
 def test_text_under_the_suffix_of_another_format_is_refused(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"run{suffix}"
     path.write_text("t,u,y\n0,1,2\n1,1,2\n")

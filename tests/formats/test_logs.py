@@ -10,6 +10,8 @@ import pytest
 from tridentify import errors, list_channels, read_record
 from tridentify.record.formats.mdf import plain_formula
 
+pytestmark = pytest.mark.unisolated
+
 FAST, SLOW = 0.01 * np.arange(20), 0.02 * np.arange(10)
 
 

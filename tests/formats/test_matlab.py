@@ -9,6 +9,8 @@ import pytest
 
 from tridentify import errors, list_channels, read_record
 
+pytestmark = pytest.mark.unisolated
+
 N = 6
 T = 0.5 * np.arange(N)
 U, Y = np.array([0.0, 1, 1, 0, 0, 1]), np.arange(N) ** 2.0
@@ -119,6 +121,7 @@ def test_complex_numbers_and_strange_units_are_refused(tmp_path: Path) -> None:
         read_record(tmp_path / "a.mat", dt=1.0, inputs=["y"], outputs=["w"])
 
 
+@pytest.mark.isolated
 def test_deep_nesting_ends_and_does_not_crash(write, tmp_path: Path) -> None:
     nested: dict[str, object] = {"y": column(Y)}
     for _ in range(25):
@@ -152,6 +155,7 @@ def test_an_object_of_a_class_is_named_and_refused(write, h5py, tmp_path: Path) 
 
 
 @pytest.mark.parametrize("kind", ["link", "external", "virtual"])
+@pytest.mark.isolated
 def test_nothing_outside_the_file_is_read(write, h5py, tmp_path: Path, kind: str) -> None:
     secret = tmp_path / "secret.bin"
     secret.write_bytes(Y.tobytes())
@@ -173,6 +177,7 @@ def test_nothing_outside_the_file_is_read(write, h5py, tmp_path: Path, kind: str
         read_record(path, dt=1.0, inputs=["u"], outputs=["y"])
 
 
+@pytest.mark.isolated
 def test_a_dataset_that_claims_more_than_memory_is_refused(write, h5py, tmp_path: Path) -> None:
     path = write.matlab73(tmp_path / "bomb.mat", {"u": column(U)})
     with h5py.File(path, "r+") as file:

@@ -19,6 +19,8 @@ from scipy import io
 from tridentify import errors, list_channels, read_record
 from tridentify.record.formats import isolation, matlab, text_opening, text_rows
 
+pytestmark = pytest.mark.unisolated
+
 ODD_NAME = b"caf\xe9" + "\u202egnp".encode() + b"\x1b[31m\x07{c}*?"
 ASKED = {"time": "t", "inputs": ["u"], "outputs": ["y"]}
 

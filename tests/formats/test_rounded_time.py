@@ -11,6 +11,8 @@ from tridentify import read_record
 from tridentify.errors import TimeNotIncreasingError
 from tridentify.record.formats.rounded_time import raster_behind
 
+pytestmark = pytest.mark.unisolated
+
 
 def _table(path: Path, stamps: list[str], header: str = "t") -> Path:
     rng = np.random.default_rng(0)

@@ -9,6 +9,8 @@ import pytest
 from tridentify import read_series
 from tridentify.errors import OptionError, SamplingError, TimeNotIncreasingError
 
+pytestmark = pytest.mark.unisolated
+
 
 def table(tmp_path, text, name="log.csv"):
     path = tmp_path / name

@@ -14,6 +14,8 @@ from tridentify.cli import main
 from tridentify.record.formats.assemble import Wanted, record_from
 from tridentify.record.formats.matlab import open_file
 
+pytestmark = pytest.mark.unisolated
+
 N = 12
 DT = 0.05
 U = np.sign(np.sin(1.1 * np.arange(N) + 0.3))

@@ -12,6 +12,8 @@ import pytest
 
 from tridentify import Record, errors, list_channels, read_record, read_records
 
+pytestmark = pytest.mark.unisolated
+
 ROWS = "t,u,y\n0,1,2\n0.5,4,5\n1,7,8\n"
 ASKED = {"inputs": ["u"], "outputs": ["y"]}
 

@@ -7,6 +7,8 @@ import pytest
 
 from tridentify import read_record
 
+pytestmark = pytest.mark.unisolated
+
 
 @pytest.mark.parametrize("name", ["Zeit [ms]", "temps [ms]", "Tiempo [ms]"])
 def test_time_is_found_under_its_name_in_the_language_of_the_file(tmp_path, name):

@@ -33,20 +33,30 @@ EXITS = {
 
 
 # ------------------------------------------------------------------------------ our own graph
-def read_modules(source: Path) -> dict[str, tuple[bool, ast.Module]]:
-    """Module name -> (is a package, parsed source), for every module below `source`."""
+Nodes = list[ast.AST]
+"""What a source says that counts here, found in one walk through all of its nodes."""
+
+
+def nodes_of(source: str) -> Nodes:
+    """Imports, calls and what is raised, inside functions too."""
+    counting = (ast.Import, ast.ImportFrom, ast.Call, ast.Raise)
+    return [node for node in ast.walk(ast.parse(source)) if isinstance(node, counting)]
+
+
+def read_modules(source: Path) -> dict[str, tuple[bool, Nodes]]:
+    """Module name -> (is a package, its nodes), for every module below `source`."""
     modules = {}
     for path in sorted((source / PACKAGE).rglob("*.py")):
         parts = path.relative_to(source).with_suffix("").parts
         is_package = parts[-1] == "__init__"
         name = ".".join(parts[:-1] if is_package else parts)
-        modules[name] = (is_package, ast.parse(path.read_text(encoding="utf-8")))
+        modules[name] = (is_package, nodes_of(path.read_text(encoding="utf-8")))
     return modules
 
 
-def imported_names(name: str, is_package: bool, tree: ast.Module) -> Iterator[tuple[str, str]]:
-    """(module, name in it or "") of every import statement, inside functions too."""
-    for node in ast.walk(tree):
+def imported_names(name: str, is_package: bool, nodes: Nodes) -> Iterator[tuple[str, str]]:
+    """(module, name in it or "") of every import statement."""
+    for node in nodes:
         if isinstance(node, ast.Import):
             yield from ((alias.name, "") for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -58,12 +68,12 @@ def imported_names(name: str, is_package: bool, tree: ast.Module) -> Iterator[tu
             yield from ((base, alias.name) for alias in node.names)
 
 
-def import_graph(modules: Mapping[str, tuple[bool, ast.Module]]) -> dict[str, set[str]]:
+def import_graph(modules: Mapping[str, tuple[bool, Nodes]]) -> dict[str, set[str]]:
     """Module -> the modules of the package it imports."""
     graph: dict[str, set[str]] = {}
-    for name, (is_package, tree) in modules.items():
+    for name, (is_package, nodes) in modules.items():
         targets = set()
-        for base, inner in imported_names(name, is_package, tree):
+        for base, inner in imported_names(name, is_package, nodes):
             submodule = f"{base}.{inner}"
             target = submodule if submodule in modules else base
             if target in modules and target != name:
@@ -90,10 +100,10 @@ def written(node: ast.expr) -> str:
     return ".".join([node.id, *reversed(parts)]) if isinstance(node, ast.Name) else ""
 
 
-def find_speech(name: str, tree: ast.Module) -> list[str]:
+def find_speech(name: str, nodes: Nodes) -> list[str]:
     """`module:line name` of every print and exit."""
     found = []
-    for node in ast.walk(tree):
+    for node in nodes:
         called = ""
         if isinstance(node, ast.Call):
             called = written(node.func)
@@ -105,7 +115,7 @@ def find_speech(name: str, tree: ast.Module) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def modules(repository: Path) -> Iterator[dict[str, tuple[bool, ast.Module]]]:
+def modules(repository: Path) -> Iterator[dict[str, tuple[bool, Nodes]]]:
     gc.disable()  # it would go through the millions of nodes again and again
     try:
         yield read_modules(repository / "src")
@@ -113,20 +123,20 @@ def modules(repository: Path) -> Iterator[dict[str, tuple[bool, ast.Module]]]:
         gc.enable()
 
 
-def test_no_module_is_in_an_import_circle(modules: dict[str, tuple[bool, ast.Module]]) -> None:
+def test_no_module_is_in_an_import_circle(modules: dict[str, tuple[bool, Nodes]]) -> None:
     graph = import_graph(modules)
     assert sum(map(len, graph.values())) > len(graph) / 2, "the graph lost its imports"
     assert find_circle(graph) == []
 
 
 def test_only_the_command_line_prints_or_exits(
-    modules: dict[str, tuple[bool, ast.Module]],
+    modules: dict[str, tuple[bool, Nodes]],
 ) -> None:
     found = [
         speech
-        for name, (_, tree) in modules.items()
+        for name, (_, nodes) in modules.items()
         if not name.startswith(MAY_SPEAK)
-        for speech in find_speech(name, tree)
+        for speech in find_speech(name, nodes)
     ]
     assert found == []
 
@@ -145,8 +155,8 @@ def test_a_circle_and_a_print_would_be_found(tmp_path: Path) -> None:
         "tridentify.room.b",
         "tridentify.c",
     }
-    _, tree = modules["tridentify.room.b"]
-    assert sorted(find_speech("b", tree)) == ["b:2 print", "b:3 SystemExit"]
+    _, nodes = modules["tridentify.room.b"]
+    assert sorted(find_speech("b", nodes)) == ["b:2 print", "b:3 SystemExit"]
 
 
 # --------------------------------------------------------------------------- the contracts
@@ -213,24 +223,24 @@ MAY_IMPORT_THE_DOOR = ("tridentify.cli", "tridentify.report.settings", "tridenti
 """For the version, and for the code that does it again."""
 
 
-def imports_by_name(tree: ast.Module) -> bool:
+def imports_by_name(nodes: Nodes) -> bool:
     """Whether a module loads another one by its name in a string."""
-    calls = {written(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
+    calls = {written(node.func) for node in nodes if isinstance(node, ast.Call)}
     return bool(calls & BY_NAME)
 
 
 def test_nothing_else_reaches_a_room_by_name(
-    modules: dict[str, tuple[bool, ast.Module]],
+    modules: dict[str, tuple[bool, Nodes]],
 ) -> None:
     """An import by name is seen by no contract; the front door leads into every room."""
-    found = {name for name, (_, tree) in modules.items() if imports_by_name(tree)}
+    found = {name for name, (_, nodes) in modules.items() if imports_by_name(nodes)}
     assert found == MAY_IMPORT_BY_NAME
     rooms = {name.split(".")[1] for name in modules if name.count(".")} - {"errors"}
     through_the_door = [
         name
-        for name, (is_package, tree) in modules.items()
+        for name, (is_package, nodes) in modules.items()
         if not name.startswith(MAY_IMPORT_THE_DOOR) and name != PACKAGE
-        for base, inner in imported_names(name, is_package, tree)
+        for base, inner in imported_names(name, is_package, nodes)
         if base == PACKAGE and inner not in {"errors"} and (not inner or inner not in rooms)
     ]
     assert through_the_door == []
@@ -242,4 +252,4 @@ def test_an_import_by_name_would_be_found() -> None:
         "from importlib import import_module\ndef f():\n    return import_module('x')",
         "__import__('tridentify.plots')",
     ):
-        assert imports_by_name(ast.parse(statement))
+        assert imports_by_name(nodes_of(statement))

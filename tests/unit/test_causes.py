@@ -272,6 +272,7 @@ def test_right_records_are_left_alone():
     assert not told
 
 
+@pytest.mark.slow
 def test_lost_rows_are_told_with_their_times_and_the_cut_mends_them():
     (record,) = with_rows_lost(6)
     found = identify(record, ASKED, throw=False).findings[0]

@@ -61,7 +61,9 @@ def test_an_input_that_moves_by_itself_needs_no_regression_of_all_samples():
     assert quick.share == 1.0 > late.share
 
 
-@pytest.mark.parametrize(("poles", "hopeless"), [(3, True), (4, False)])
+@pytest.mark.parametrize(
+    ("poles", "hopeless"), [(3, True), pytest.param(4, False, marks=pytest.mark.slow)]
+)
 def test_fewer_poles_are_fitted_where_a_step_promises_that_they_may_do(
     monkeypatch, poles, hopeless
 ):

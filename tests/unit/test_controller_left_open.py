@@ -12,15 +12,22 @@ TRUE = np.array([0.5, 1.0, 1.0, 1.0])
 STATIC = (np.zeros((0, 0)), np.zeros(0), np.zeros(0), 2.0)
 
 
-def record_of(seed: int) -> Record:
+def record_of(seed: int, n: int = N) -> Record:
     """Its controller is continuous, and its noise held, as by a converter."""
     rng = np.random.default_rng(seed)
-    r = np.repeat(rng.choice([-1.0, 1.0], N // 20), 20)
-    u, y = continuous_loop(CHANNEL, STATIC, r, 0.01 * rng.standard_normal(N), DT)
+    r = np.repeat(rng.choice([-1.0, 1.0], n // 20), 20)
+    u, y = continuous_loop(CHANNEL, STATIC, r, 0.01 * rng.standard_normal(n), DT)
     return Record(u, y, dt=DT, reference=r)
 
 
-@pytest.mark.parametrize("seed", [5, *(pytest.param(k, marks=pytest.mark.slow) for k in (6, 7))])
+def test_of_a_short_record_it_is_told_and_allowed_for():
+    found = identify(record_of(5, 120), Structure(2, 1))
+    assert np.all(np.abs(found.theta - TRUE) < 3.0 * found.std)
+    said = [one.message for one in found.findings if one.code == "intersample"]
+    assert any("allow for either" in one for one in said)
+
+
+@pytest.mark.parametrize("seed", [5, 6, 7])
 @pytest.mark.slow
 def test_errors_reach_from_one_kind_to_the_other(seed):
     record, structure = record_of(seed), Structure(2, 1)

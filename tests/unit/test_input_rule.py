@@ -143,7 +143,7 @@ def test_uneven_time_missing_samples_and_few_of_them_tell_nothing():
     assert input_rule([uneven], 2) is InputRule.UNKNOWN
 
 
-@pytest.mark.parametrize("make", [sampled, continuous])
+@pytest.mark.parametrize("make", [sampled, pytest.param(continuous, marks=pytest.mark.slow)])
 @pytest.mark.unjudged
 def test_the_kind_is_taken_by_what_the_input_shows(make):
     """Of a continuous controller in noise that moves, the residual alone speaks for the other."""

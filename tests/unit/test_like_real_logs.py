@@ -194,8 +194,8 @@ def test_what_a_channel_is_called_changes_nothing_that_is_found(name):
     assert serious(validate(estimate, record).findings)[0] == "nonlinear"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [71, 72])
-@pytest.mark.fast("71")
 def test_commands_that_pass_a_network_each_later_or_earlier_are_no_bad_samples(seed):
     rng = np.random.default_rng(seed)
     fine, n = 20, 1200

@@ -115,9 +115,8 @@ def test_blocks_are_steps_for_every_structure(name, structure):
 @pytest.mark.parametrize("kind", ["coarse", "clipped", "resting", "changing"])
 @pytest.mark.parametrize("name", ["least squares", "three models"])
 @pytest.mark.fast(
-    "three models-resting",
     "three models-clipped",
-    "three models-coarse",
+    "least squares-resting",
     "least squares-coarse",
     "least squares-clipped",
     "least squares-changing",

@@ -139,6 +139,7 @@ def test_the_old_answer_stays_until_the_new_one_is_better():
     assert told[0].times == (state.changes[0] * DT,)
 
 
+@pytest.mark.slow
 def test_an_alarm_without_a_change_is_dropped_and_leaves_the_estimate_alone():
     u, y = samples(5, 3400)
     method = online.ThreeModel()

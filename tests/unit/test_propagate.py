@@ -102,7 +102,7 @@ ORDERS = {
 
 @pytest.mark.parametrize("intersample", [pytest.param("zoh", marks=pytest.mark.slow), "foh"])
 @pytest.mark.parametrize("poles", ORDERS.values(), ids=ORDERS)
-@pytest.mark.fast("three and a pair across the fourth-foh", "one-foh")
+@pytest.mark.fast("one-foh")
 def test_long_records_have_the_same_states(poles, intersample):
     bank = cascade(poles)
     matrices = step(bank, intersample)

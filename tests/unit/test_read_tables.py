@@ -18,6 +18,8 @@ from tridentify import errors, frame_from_record, list_channels, read_record, re
 from tridentify.record.formats import isolation
 from tridentify.record.record import Record
 
+pytestmark = pytest.mark.unisolated
+
 COLUMNS = {"t": [0.0, 0.5, 1.0], "u": [1.0, 4.0, 7.0], "y [deg]": [2.0, None, 8.0]}
 
 
@@ -158,6 +160,7 @@ class Payload:
         return (os.mkdir, (str(self.path),))
 
 
+@pytest.mark.isolated
 def test_a_pickle_in_an_archive_is_never_executed(tmp_path: Path) -> None:
     mark = tmp_path / "executed"
     path = tmp_path / "run.npz"
@@ -182,6 +185,7 @@ def test_a_pickle_under_the_name_of_an_archive_is_refused(tmp_path: Path) -> Non
     assert not mark.exists()
 
 
+@pytest.mark.isolated
 def test_an_archive_that_unpacks_to_more_than_memory_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -196,6 +200,7 @@ def test_an_archive_that_unpacks_to_more_than_memory_is_refused(
 
 @pytest.mark.parametrize("suffix", ["parquet", "feather"])
 @pytest.mark.fast("feather")
+@pytest.mark.isolated
 def test_columns_that_unpack_to_more_than_memory_are_refused(
     tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

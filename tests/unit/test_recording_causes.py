@@ -114,6 +114,13 @@ def test_what_the_recording_did_is_named_first(kind):
         assert float(size) == pytest.approx(0.8, abs=0.02)
 
 
+def test_a_level_that_changes_is_named_first():
+    u, y = (one[:300] for one in with_output_level(np.random.default_rng(11)))
+    found = identify(Record(u, y, dt=DT), Structure(2, 0)).findings[0]
+    assert found.code == "channel-changes"
+    assert "y that changes its level, by 0." in found.message
+
+
 @pytest.mark.slow
 def test_the_instant_of_a_changed_unit_is_told():
     u, y = with_degrees(np.random.default_rng(12))

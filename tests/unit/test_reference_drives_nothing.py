@@ -25,8 +25,19 @@ def steps(seed: int) -> np.ndarray:
     return np.repeat(np.random.default_rng(seed).choice([-1.0, 1.0], N // 20), 20)
 
 
+def noise_for_a_reference() -> Record:
+    return record_of(steps(1), np.random.default_rng(2).standard_normal(N), 3)
+
+
+def test_noise_drives_nothing():
+    (found,) = driving_findings([driven(noise_for_a_reference())])
+    assert (found.code, found.matters) == ("loop-not-excited", True)
+    assert "drives nothing" in found.message
+
+
+@pytest.mark.slow
 def test_noise_that_is_given_for_a_reference_is_told():
-    record = record_of(steps(1), np.random.default_rng(2).standard_normal(N), 3)
+    record = noise_for_a_reference()
     estimate = ThreeModel().estimate([record], Structure(1, 0))
     assert [one.code for one in estimate.findings if one.matters][:1] == ["loop-not-excited"]
     assert "drives nothing" in estimate.findings[0].message

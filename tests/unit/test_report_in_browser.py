@@ -135,7 +135,7 @@ def page(estimated, tmp_path_factory):
     return write_report(estimate, record, tmp_path_factory.mktemp("page") / "report.html")
 
 
-@pytest.fixture(scope="module", params=[1280, 400])
+@pytest.fixture(scope="module", params=[pytest.param(1280, marks=pytest.mark.slow), 400])
 def seen(request, browser, page):
     """What a script finds in the page at a width of the window."""
     asking = page.with_name(f"asking-{request.param}.html")
@@ -154,13 +154,11 @@ def test_the_browser_has_nothing_to_complain_about(browser, page):
     assert document.count('class="enlarge"') == document.count("<figure") > 3
 
 
-@pytest.mark.fast("400")
 def test_nothing_is_wider_than_the_window(seen):
     assert seen["scroll"] <= seen["width"]
     assert seen["beyond"] == []
 
 
-@pytest.mark.fast("400")
 def test_text_can_be_read(seen):
     assert seen["text"] >= 13.0
     assert seen["drawn"] >= 8.0

@@ -44,8 +44,13 @@ def rows_of(record: Record, *structures: Structure) -> list[SelectionRow]:
     ]
 
 
+@pytest.mark.unjudged
+def test_one_lag_alone_gets_a_delay_where_a_drift_hides_its_worth() -> None:
+    record = exchanger([32, 0])
+    assert delayed(rows_of(record, Structure(1, 0)), 0, [record]) == [Structure(1, 0, delay="free")]
+
+
 @pytest.mark.parametrize("seed", range(2))
-@pytest.mark.fast("0")
 @pytest.mark.unjudged
 @pytest.mark.slow
 def test_one_lag_and_two_get_a_delay_where_a_drift_hides_its_worth(seed: int) -> None:

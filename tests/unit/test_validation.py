@@ -183,6 +183,7 @@ def test_a_missing_delay_is_named(record):
     assert "a delay of about 0.3 s of elevator explains it best" in finding.message
 
 
+@pytest.mark.slow
 def test_coloured_noise_leaves_the_model_good(record):
     e, v = noise(seed=5), np.zeros(N)
     for k in range(1, N):
