@@ -1,4 +1,4 @@
-"""Where an input hardly moves, trim and start decide the answer, and the estimate says so."""
+"""Where an input moves little beside its level, trim and start decide, and the estimate says so."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, TransferFunction, identify, simulate
+from tridentify.judgement.cautions.levels import _standing
 
 PLANT = TransferFunction([9.0], [1.0, 1.5, 9.0])
 THETA = np.array([1.5, 9.0, 9.0])
-SAYS = "stands at one level"
+SAYS = "moves little beside its level"
 
 
 def at_rest(seed, n=125, dt=0.04):
@@ -44,6 +45,18 @@ def test_a_record_at_rest_is_told_to_hang_on_its_trim(seed):
     (one,) = told
     assert one.matters
     assert "b0 from" in one.effect
+    assert one.message.startswith("Input u ")
+
+
+def test_the_input_that_stands_is_named_and_not_one_that_moves_or_never_does():
+    rng = np.random.default_rng(1)
+    feed = 10.0 + 1.3 * rng.standard_normal(200)
+    steps = np.repeat([1.0, 0.0, 2.0, 0.0], 50)
+    u = np.column_stack([steps, feed, np.full(200, 50.0)])
+    record = Record(u, steps, dt=1.0, input_names=["base", "acid", "heater"])
+    name, ratio = _standing(record)
+    assert name == "acid"
+    assert ratio == pytest.approx(10.0 / 1.3, rel=0.15)
 
 
 @pytest.mark.parametrize("seed", [0, 1, *(pytest.param(k, marks=pytest.mark.slow) for k in (2, 3))])

@@ -1,6 +1,6 @@
 """Whether the answer hangs on what a record is counted from: its trim, and its state at the start.
 
-Where an input stands at one value and hardly moves, its level over that of the output passes for a
+Where an input moves little beside its level, that level over that of the output passes for a
 gain: ``y = G(0) u`` explains two constants without an offset, and any gain does with one. Which of
 them holds, and how the system was moving at the first sample, is decided by AICc where the
 structure leaves it open. A standard error is that of the choice that was made. So where another
@@ -51,7 +51,8 @@ def level_findings(estimate: Estimate, records: Sequence[Record]) -> list[Findin
         Those that were identified.
     """
     others = _others(estimate)
-    if not others or not any(_stands(record) for record in records):
+    standing = max((_standing(record) for record in records), key=lambda one: one[1])
+    if not others or standing[1] <= STANDS:
         return []
     base = fitted_again(estimate, records)
     if base is None:
@@ -72,8 +73,9 @@ def level_findings(estimate: Estimate, records: Sequence[Record]) -> list[Findin
         Finding(
             "not-determined",
             "warning",
-            "The input stands at one level and hardly moves, so that trim and start decide the "
-            f"answer: {choice.label} explains the record as well (AICc {more:+.1f}), with other "
+            f"Input {standing[0]} moves little beside its level, which is {standing[1]:.0f} times "
+            "as large, so that trim and start decide the answer: "
+            f"{choice.label} explains the record as well (AICc {more:+.1f}), with other "
             "coefficients. The standard errors hold for the choice that was made "
             f"({_made(estimate).label}).",
             "State offset and initial_state (--offset, --initial-state) if they are known, or use "
@@ -101,10 +103,15 @@ def _others(estimate: Estimate) -> list[Nuisances]:
     return found
 
 
-def _stands(record: Record) -> bool:
-    """Whether an input moves little beside its level."""
+def _standing(record: Record) -> tuple[str, float]:
+    """The input that moves least beside its level, and the level over its standard deviation.
+
+    An input that never moves is told of elsewhere.
+    """
     level, moves = np.abs(record.u.mean(axis=0)), record.u.std(axis=0)
-    return bool(np.any((level > STANDS * moves) & (moves > 0.0)))
+    ratios = np.divide(level, moves, out=np.zeros_like(level), where=moves > 0.0)
+    k = int(np.argmax(ratios))
+    return record.input_names[k], float(ratios[k])
 
 
 def _moved(estimate: Estimate, end: Attempt) -> Array:
