@@ -248,6 +248,10 @@ def finding_of(
         f"{where}: {rival.headline or HEADLINES[rival.code]}. {TRIED}, {rival.what} {verb} it best."
     )
     message += _not_told_from(found, explained)
+    severity: Severity = "error" if _spoils(rival) else "warning"
+    if rival.kind == "floor" and not _moves(found, explained, estimate):
+        # smooth inputs seldom carry so much that a coefficient feels it
+        severity = "note"
     advice = for_left_open(rival.advice, estimate)
     remedy, effect = advice, _effect(found, explained, estimate)
     if rival.code == "drift" and not (rival.refits or rival.headline):
@@ -255,7 +259,7 @@ def finding_of(
         effect = f"{effect} {brings}".rstrip()
     return Finding(
         rival.code,
-        "error" if _spoils(rival) else "warning",
+        severity,
         message,
         remedy or advice,
         tuple(outputs),
@@ -263,6 +267,12 @@ def finding_of(
         effect=effect,
         kind=rival.kind,
     )
+
+
+def _moves(found: Explanation, explained: Explanations, estimate: Estimate) -> bool:
+    """Whether a coefficient moves by more than its standard error."""
+    theta = None if explained.printed is None else np.asarray(estimate.theta)
+    return moved(found, explained.present, np.asarray(estimate.std), theta)[3] > HARDLY
 
 
 def _spoils(rival: Rival) -> bool:

@@ -20,6 +20,7 @@ from tridentify.judgement.causes.feedback import (
     coming,
     forecasts_react,
 )
+from tridentify.judgement.causes.input_floor import may_carry_noise
 from tridentify.judgement.causes.interpolated import interpolated
 from tridentify.judgement.causes.intersample import is_staircase
 from tridentify.judgement.causes.lost import LEAST_PIECE, Place, after_gaps, jumps
@@ -262,8 +263,24 @@ def _tried(
     if not lines and (torn or called or hinted or stepped or may_react(view)):
         noises = [one.noise for one in evidence]
         explained = explanations(view, setting.estimate, noises, torn, known=known)
+    elif view.own and may_carry_noise(view.records):
+        explained = _without_input_noise(view, setting.estimate, evidence)
     evidence = _reacting(view, evidence, explained)
     return TriedCauses(view, evidence, explained, [None for _ in outputs], moved_by)
+
+
+def _without_input_noise(
+    view: View, estimate: Estimate, evidence: Sequence[Evidence]
+) -> Explanations | None:
+    """All causes, where an input without the noise that it may carry explains more.
+
+    Noise that a smooth input carries makes a residual that looks like noise of the output.
+    """
+    noises = [one.noise for one in evidence]
+    found = explanations(view, estimate, noises, only="input-noise")
+    if found is None or found.best is None or not told_alone(found.best):
+        return None
+    return explanations(view, estimate, noises)
 
 
 def _looked_again(tried: TriedCauses, given: View, setting: _Setting) -> TriedCauses:
