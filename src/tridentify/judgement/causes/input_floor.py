@@ -55,11 +55,15 @@ LEAST = 0.005
 FOLLOWS = 0.05
 """Share of that noise from which outputs of the same sample and before tell it: a controller."""
 
+BEYOND = 1.5
+"""Times the edge of a floor, beyond which an input that is smooth has nothing of its own left."""
+
 PAST = 3
 """Samples of outputs that may tell it."""
 
-POLES = 4
-"""Of the Butterworth filter that smooths, forth and back."""
+FINELY = 4
+"""Lines to either side that a spectrum is averaged over for the filter: the input itself moves
+fast from line to line."""
 
 KEPT = 8
 """Inputs whose floor is kept: the quick look and the causes ask for the same."""
@@ -74,10 +78,14 @@ class Floor(NamedTuple):
         Standard deviation; 0 where there is none that is seen.
     edge : float
         Share of the band [0, Nyquist] from which on there is nothing else.
+    gain : (n_lines,) array
+        Of the filter that leaves the likeliest input without it, evenly from 0 to Nyquist (Wiener):
+        what of the spectrum is not the floor.
     """
 
     size: float
     edge: float
+    gain: Array
 
 
 @recent(KEPT)
@@ -93,7 +101,7 @@ def floor_of(u: Array) -> Floor:
     >>> floor_of(noise).size
     0.0
     """
-    nothing = Floor(0.0, 1.0)
+    nothing = Floor(0.0, 1.0, np.ones(2))
     n = u.size
     if n < FEWEST:
         return nothing
@@ -103,9 +111,7 @@ def floor_of(u: Array) -> Floor:
     power = power[1:] / float(window @ window)
     top = power[int(TOP * power.size) :]
     level = float(top.mean())
-    half = max(power.size // SMOOTHED // 2, 4)
-    width = 2 * half + 1
-    mean = np.convolve(np.pad(power, half, mode="edge"), np.full(width, 1.0 / width), "valid")
+    mean = _averaged(power, max(power.size // SMOOTHED // 2, 4))
     peak = int(np.argmax(mean))
     met = np.flatnonzero(mean[peak:] < MEETS * level)
     if not met.size or not level > 0.0 or mean[peak] < STANDS_OUT * level:
@@ -120,7 +126,17 @@ def floor_of(u: Array) -> Floor:
     if abs(float(np.log(lower.mean() / upper.mean()))) > FLAT * error:
         return nothing
     size = float(np.sqrt(level))
-    return Floor(size, first / power.size) if size > LEAST * float(np.std(u)) else nothing
+    if not size > LEAST * float(np.std(u)):
+        return nothing
+    gain = np.clip(1.0 - level / _averaged(power, FINELY), 0.0, 1.0)
+    gain[first:] = 0.0
+    return Floor(size, first / power.size, np.concatenate([[1.0], gain]))
+
+
+def _averaged(power: Array, half: int) -> Array:
+    """Every line with so many to either side."""
+    width = 2 * half + 1
+    return np.convolve(np.pad(power, half, mode="reflect"), np.full(width, 1.0 / width), "valid")
 
 
 def floors(records: Sequence[Record], j: int) -> list[Floor] | None:
@@ -144,7 +160,9 @@ def floor_rivals(present: Present) -> Iterator[Rival]:
         if found is None:
             continue
         pairs = list(zip(records, found, strict=True))
-        if any(own.size and _follows(record, j, own.edge) for record, own in pairs):
+        if any(
+            own.size and _follows(record, j, min(BEYOND * own.edge, TOP)) for record, own in pairs
+        ):
             continue
         largest = max(found, key=lambda own: own.size)
         spread = max(float(np.std(record.u[:, j])) for record in records)
@@ -155,10 +173,10 @@ def floor_rivals(present: Present) -> Iterator[Rival]:
                 replace(present, records=tuple(_without(*pair, j) for pair in pairs)),
                 f"an input {name} without the noise of {largest.size:.2g} that was recorded with "
                 f"it ({100.0 * largest.size / spread:.2g} % of its spread; above {edge:.2g} Hz its "
-                "spectrum is flat, and the output does not answer)",
-                f"Smooth {name} forth and back (filtfilt; a Butterworth low-pass of {POLES} poles "
-                f"at {edge:.2g} Hz), which delays nothing, or give what it was told to be (the "
-                "command).",
+                "spectrum is flat)",
+                f"Give what {name} was told to be (the command), measure it with less noise, or "
+                "smooth it forth and back, which delays nothing: what was tried is a Wiener filter "
+                f"(gain 1 - floor / spectrum, none above {edge:.2g} Hz).",
             ),
             kind="floor",
             calms=True,
@@ -169,39 +187,40 @@ def _without(record: Record, own: Floor, j: int) -> Record:
     if not own.size:
         return record
     u = np.array(record.u)
-    u[:, j] = smoothed(u[:, j], own.edge)
+    u[:, j] = filtered(u[:, j], own.gain)
     return record._derive(u=u)
 
 
-def smoothed(x: Array, edge: float) -> Array:
-    """A signal filtered forth and back by a Butterworth low-pass.
+def filtered(x: Array, gain: Array) -> Array:
+    """A signal whose lines are taken so many times: forth and back, without a delay.
 
     Parameters
     ----------
     x : (n_samples,) array
         Goes on beyond its ends as it is within, turned about these.
-    edge : float
-        Of the filter, as a share of the band.
+    gain : (n_lines,) array
+        Evenly from 0 to Nyquist.
     """
     n = x.size
     ends = np.concatenate([2.0 * x[0] - x[:0:-1], x, 2.0 * x[-1] - x[-2::-1]])
     lines = np.fft.rfft(ends)
     share = np.linspace(0.0, 1.0, lines.size)
-    gain = 1.0 / (1.0 + (share / edge) ** (2 * POLES))
-    return np.asarray(np.fft.irfft(lines * gain, ends.size)[n - 1 : 2 * n - 1])
+    lines *= np.interp(share, np.linspace(0.0, 1.0, gain.size), gain)
+    return np.asarray(np.fft.irfft(lines, ends.size)[n - 1 : 2 * n - 1])
 
 
 def _follows(record: Record, j: int, edge: float) -> bool:
     """Whether outputs tell what an input does above its floor: it is a controller's, and acted."""
-    noise = record.u[:, j] - smoothed(record.u[:, j], edge)
+    fast = (np.linspace(0.0, 1.0, record.n_samples) > edge).astype(np.float64)
+    noise = filtered(record.u[:, j], fast)
     columns = []
     for y in record.y.T:
         there = np.isfinite(y)
         if there.sum() < FEWEST:
             continue
         filled = np.interp(np.arange(y.size), np.flatnonzero(there), y[there])
-        fast = filled - smoothed(filled, edge)
-        columns += [np.roll(fast, lag)[PAST:] for lag in range(PAST + 1)]
+        own = filtered(filled, fast)
+        columns += [np.roll(own, lag)[PAST:] for lag in range(PAST + 1)]
     if not columns:
         return False
     known, wanted = np.column_stack(columns), noise[PAST:]
