@@ -43,7 +43,10 @@ MEETS = 2.0
 """Averaged spectrum over the floor, above which it holds more than noise: of 25 lines one in ten
 thousand is higher by chance."""
 
-FLAT = 3.0
+CLEAR_OF = 5
+"""Part of the band above that meeting in which the input may still show."""
+
+FLAT = 3.5
 """Standard errors by which both halves of a floor may differ."""
 
 STANDS_OUT = 30.0
@@ -119,8 +122,10 @@ def floor_of(u: Array) -> Floor:
     first = peak + int(met[0])
     if first > TOP * power.size:
         return nothing
-    level = float(power[first:].mean())
-    lower, upper = np.array_split(power[first:], 2)
+    # where it meets its floor half of it is still the input
+    alone = power[first + (power.size - first) // CLEAR_OF :]
+    level = float(alone.mean())
+    lower, upper = np.array_split(alone, 2)
     # neighbouring lines of a tapered spectrum share half of what they show
     error = np.sqrt(2.0 * (1.0 / lower.size + 1.0 / upper.size))
     if abs(float(np.log(lower.mean() / upper.mean()))) > FLAT * error:

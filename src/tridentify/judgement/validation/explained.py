@@ -132,6 +132,24 @@ def explanations(
     return replace(found, printed=_printed(view, estimate, found.present))
 
 
+def of_input_noise(view: View, estimate: Estimate, noises: Sequence[Array]) -> Explanations | None:
+    """All causes, where an input without the noise that it may carry explains more; else None.
+
+    Noise that a smooth input carries makes a residual that looks like noise of the output.
+
+    Parameters
+    ----------
+    view : View
+    estimate : Estimate
+    noises : sequence of (p,) arrays
+        Model of each output's noise.
+    """
+    found = explanations(view, estimate, noises, only="input-noise")
+    if found is None or found.best is None or not told_alone(found.best):
+        return None
+    return explanations(view, estimate, noises)
+
+
 def _printed(view: View, estimate: Estimate, base: Attempt) -> Array:
     """(n_outputs,) fit [percent] of an estimate where the present explanation has a residual.
 

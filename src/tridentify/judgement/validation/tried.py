@@ -34,6 +34,7 @@ from tridentify.judgement.validation.evidence import (
 from tridentify.judgement.validation.explained import (
     change,
     explanations,
+    of_input_noise,
     same_records,
     settled,
     still_far,
@@ -264,23 +265,9 @@ def _tried(
         noises = [one.noise for one in evidence]
         explained = explanations(view, setting.estimate, noises, torn, known=known)
     elif view.own and may_carry_noise(view.records):
-        explained = _without_input_noise(view, setting.estimate, evidence)
+        explained = of_input_noise(view, setting.estimate, [one.noise for one in evidence])
     evidence = _reacting(view, evidence, explained)
     return TriedCauses(view, evidence, explained, [None for _ in outputs], moved_by)
-
-
-def _without_input_noise(
-    view: View, estimate: Estimate, evidence: Sequence[Evidence]
-) -> Explanations | None:
-    """All causes, where an input without the noise that it may carry explains more.
-
-    Noise that a smooth input carries makes a residual that looks like noise of the output.
-    """
-    noises = [one.noise for one in evidence]
-    found = explanations(view, estimate, noises, only="input-noise")
-    if found is None or found.best is None or not told_alone(found.best):
-        return None
-    return explanations(view, estimate, noises)
 
 
 def _looked_again(tried: TriedCauses, given: View, setting: _Setting) -> TriedCauses:
