@@ -46,7 +46,7 @@ thousand is higher by chance."""
 CLEAR_OF = 5
 """Part of the band above that meeting in which the input may still show."""
 
-FLAT = 3.5
+FLAT = 4.5
 """Standard errors by which both halves of a floor may differ."""
 
 STANDS_OUT = 30.0
