@@ -65,14 +65,15 @@ def test_other_inputs_stand_at_no_levels(kind):
 
 
 @pytest.mark.parametrize(
-    ("seed", "size"),
-    [(0, 0.1), *(pytest.param(k, s, marks=pytest.mark.slow) for k in (1, 2) for s in (0.05, 0.2))],
+    ("seed", "size", "n"),
+    [(0, 0.1, 200)]
+    + [pytest.param(k, s, 300, marks=pytest.mark.slow) for k in (1, 2) for s in (0.05, 0.2)],
 )
-def test_noise_of_a_switched_input_is_named_first_and_alone(seed, size):
+def test_noise_of_a_switched_input_is_named_first_and_alone(seed, size, n):
     rng = np.random.default_rng(seed)
-    u = switched(rng, 200)
+    u = switched(rng, n)
     y = noisy(response(u), rng)
-    found = told(Record(u + size * rng.standard_normal(200), y, dt=DT))
+    found = told(Record(u + size * rng.standard_normal(n), y, dt=DT))
     assert [one.code for one in found] == ["input-noise"]
     assert 0.8 * size < float(found[0].message.split("noise of ")[1].split()[0]) < 1.2 * size
     assert "fit of y from" in found[0].effect
