@@ -69,6 +69,7 @@ KINDS: Mapping[str, str] = MappingProxyType(
         "friction": "of nonlinear: play or dry friction",
         "held": "of stuck-sensor: friction may hold what moves",
         "missing-code": "of stuck-sensor: a number that stands for a missing value",
+        "floor": "of input-noise: white noise beside a smooth input, seen in its spectrum",
         "alone": "of intersample: compared with the present behaviour, beside no other cause",
     }
 )

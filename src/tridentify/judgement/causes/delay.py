@@ -156,17 +156,15 @@ def _rival(later: Present, rows: tuple[int, ...], columns: tuple[int, ...]) -> R
     name = first.input_names[columns[0]] if len(columns) == 1 else "every input"
     where = name if len(rows) == first.n_outputs else f"{name} to {first.output_names[rows[0]]}"
     total = float(later.delay[rows[0], columns[0]])
-    return one(
-        "delay",
-        later,
-        f"a delay of about {total:.3g} s of {where}",
-        f"State the delay (delay={total:.3g}; --delay){_estimated(later)}.",
-    )
+    return one("delay", later, f"a delay of about {total:.3g} s of {where}", _advice(later, total))
 
 
-def _estimated(later: Present) -> str:
-    """That the delay can be estimated, where it can: not beside a direct part."""
-    return "" if any(map(any, _direct(later))) else ", or have it estimated (delay='free')"
+def _advice(later: Present, total: float) -> str:
+    """To have the delay estimated, where it can be: not beside a direct part."""
+    stated = f"tate the delay (delay={total:.3g}; --delay)"
+    if any(map(any, _direct(later))):
+        return f"S{stated}."
+    return f"Have it estimated (delay='free'; --delay free), or s{stated}."
 
 
 def _direct(present: Present) -> list[list[bool]]:

@@ -23,6 +23,7 @@ from tridentify.judgement.causes.delay import delay_rivals, neighbours, shifted
 from tridentify.judgement.causes.explanation import CLEARLY, Explanation, Explanations
 from tridentify.judgement.causes.feedback import reacts
 from tridentify.judgement.causes.gains import gain_rivals
+from tridentify.judgement.causes.input_floor import floor_rivals
 from tridentify.judgement.causes.intersample import (
     AUTO,
     BEHAVIOURS,
@@ -45,6 +46,7 @@ from tridentify.judgement.causes.saturation import saturation_rivals
 from tridentify.judgement.causes.slow import slow_rivals
 from tridentify.judgement.causes.timing import early_rivals, wandering_rivals
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.autoregression import fit_autoregression
 from tridentify.numerics.information import aicc_price
 from tridentify.numerics.interpolation import FEWEST
 from tridentify.record.record import Record
@@ -114,6 +116,10 @@ def explain(
     found += _lines_again(found, settled, base)
     if only:
         return Explanations(base, tuple(sorted(found, key=lambda one: -one.gain)))
+    late = _late_in_colour(found, present, base)
+    if late is not None:
+        base, found = late
+        settled = _from(present, base)
     return _ranked(found, settled, base, None if skip else present)
 
 
@@ -273,6 +279,61 @@ def _lines_again(
     return _fitted(rivals, base)
 
 
+def _late_in_colour(
+    found: Sequence[Explanation], present: Present, base: Attempt
+) -> tuple[Attempt, list[Explanation]] | None:
+    """The present explanation and its rivals with noise models, where a delay explains most then.
+
+    Where the noise has a memory and a delay is missing, a noise model fitted without the delay
+    takes the response for noise, so that all are compared with white weights (`settle`). Whatever
+    follows the noise gains as much as the delay does there. With a noise model of each one's own
+    it does not; where the delay does not win by that, the comparison stays as it was.
+    """
+    if base.point.problem.noise or not present.has_noise:
+        return None
+    late = [one for one in found if one.rival.code == "delay" and one.rival.refits]
+    late = [one for one in late if one.is_clear and not one.rival.exact]
+    here = _attempted(one("", present, "", "")) if late else None
+    if here is None:
+        return None
+    others: dict[str, Explanation] = {}
+    for other in sorted(found, key=lambda one: -one.gain):
+        if other.is_clear and other.rival.code != "delay":
+            others.setdefault(f"{other.rival.code} {other.rival.exact}", other)
+    first = max(late, key=lambda one: one.gain)
+    own = _in_colour(first, present.orders, here[0])
+    if own is None or not own.is_clear:
+        return None
+    settled = _from(present, here[0])
+    near = [replace(one, starts=own.rival.starts) for one in neighbours(settled, own.rival)]
+    own = max([own, *_fitted(near, here[0])], key=lambda one: one.gain)
+    own = max([own, *_finer(own, settled, here[0])], key=lambda one: one.gain)
+    rest = [_in_colour(one, present.orders, here[0]) for one in others.values()]
+    kept = [one for one in rest if one is not None]
+    if any(one.gain > own.gain + CLEARLY for one in kept):
+        return None
+    fewer = [one for one in kept if one.gain < own.gain or one.rival.code == "intersample"]
+    return here[0], [own, *fewer]
+
+
+def _in_colour(found: Explanation, orders: Sequence[int], base: Attempt) -> Explanation | None:
+    """An explanation that was fitted with white weights again, with a model of its noise."""
+    left = [one for end in found.attempts for one in end.point.residuals()]
+    noise = tuple(
+        fit_autoregression([np.ascontiguousarray(one[:, i]) for one in left], p, p)
+        if p
+        else np.zeros(0)
+        for i, p in enumerate(orders)
+    )
+    rival = replace(
+        found.rival,
+        parts=tuple(replace(part, noise=noise) for part in found.rival.parts),
+        starts=tuple((end.point.poles,) for end in found.attempts),
+    )
+    ends = _attempted(rival)
+    return None if ends is None else _explanation(rival, ends, base)
+
+
 def _from(present: Present, base: Attempt) -> Present:
     """From where the present explanation ended."""
     return replace(present, poles=base.point.poles, noise=base.point.problem.noise)
@@ -291,6 +352,7 @@ def _rivals(
         (("intersample",), lambda: _intersample_rivals(present)),
         (("input-noise", "intersample"), lambda: pulse_rivals(present)),
         (("input-noise",), lambda: level_rivals(present)),
+        (("input-noise",), lambda: floor_rivals(present)),
         (("channel-changes",), lambda: break_rivals(present, fitted)),
         (("delay",), lambda: late),
         (("delay",), lambda: early_rivals(present)),

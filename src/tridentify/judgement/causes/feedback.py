@@ -36,7 +36,7 @@ from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.judgement.causes.attempt import Attempt
 from tridentify.judgement.causes.direct_part import has_direct_part
-from tridentify.judgement.causes.levels_in_noise import chance_of_noise, stretches
+from tridentify.judgement.causes.levels_in_noise import chance_of_noise, levels_of
 from tridentify.judgement.causes.surprises import moved, small_surprises
 from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
@@ -159,9 +159,7 @@ def _recorded_noise(record: Record) -> NDArray[np.bool_]:
     """
     found = np.zeros(record.n_inputs, dtype=bool)
     for j in range(record.n_inputs):
-        levels = np.full(record.n_samples, np.nan)
-        for first, last in stretches(record.u[:, j]):
-            levels[first:last] = record.u[first:last, j].mean()
+        levels = levels_of(record.u[:, j])
         at_levels = bool(np.isfinite(levels).any())
         found[j] = at_levels and chance_of_noise(record, j, levels, COMING) > BY_ITSELF
     return found

@@ -25,8 +25,9 @@ from numpy.typing import NDArray
 from tridentify.judgement.causes.levels_in_noise import (
     AT_REST,
     STANDS_OUT,
+    are_repeated,
     chance_of_noise,
-    stretches,
+    levels_of,
 )
 from tridentify.judgement.causes.present import Present
 from tridentify.judgement.causes.rivals import Rival, one
@@ -92,11 +93,13 @@ def _without_noise(present: Present, j: int, own: Sequence[tuple[int, int]]) -> 
         (int(a), min(int(b), record.n_samples))
         for a, b in zip(edges[::2], edges[1::2], strict=True)
     ]
-    level = float(median(record.u[:, j]))
+    levels = np.full(record.n_samples, np.nan)
+    for first, last in rests:
+        levels[first:last] = float(median(record.u[:, j]))
     yield from _at_levels(
         present,
         j,
-        [(a, b, level) for a, b in rests if b > a],
+        levels,
         f"an input {name} that stands still between its pulses",
         f"Set {name} to its level at rest between the pulses (a force window), if nothing acted "
         "there.",
@@ -110,27 +113,26 @@ def level_rivals(present: Present) -> Iterator[Rival]:
     (record,) = present.records
     for j, name in enumerate(record.input_names):
         u = record.u[:, j]
-        own = [(a, b, float(u[a:b].mean())) for a, b in stretches(u)]
-        if pulses(u) or not own:
+        levels = levels_of(u)
+        rest = np.isfinite(levels)
+        if not rest.any() or (pulses(u) and not are_repeated(levels)):
             continue
+        size = float(np.std(u[rest] - levels[rest]))
         yield from _at_levels(
             present,
             j,
-            own,
-            f"an input {name} that stands still between its steps",
-            f"Set {name} to its level between the steps (the mean of each), if nothing else acted.",
+            levels,
+            f"an input {name} that stands still between its steps, without the noise of {size:.2g} "
+            f"that was recorded there ({100.0 * size / float(np.std(u)):.2g} % of its spread),",
+            f"Give what {name} was told to be (the command), or set it to its level between the "
+            "steps (the mean of each), if nothing else acted.",
         )
 
 
-def _at_levels(
-    present: Present, j: int, rests: Sequence[tuple[int, int, float]], what: str, advice: str
-) -> Iterator[Rival]:
-    """The input at one level over each rest, where what moves there is noise of its sensor."""
+def _at_levels(present: Present, j: int, levels: Array, what: str, advice: str) -> Iterator[Rival]:
+    """The input at its level at rest, where what moves there is noise of its sensor."""
     (record,) = present.records
-    u, levels = np.array(record.u), np.full(record.n_samples, np.nan)
-    for first, last, level in rests:
-        levels[first:last] = level
-    rest = np.isfinite(levels)
+    u, rest = np.array(record.u), np.isfinite(levels)
     if not (np.any(u[rest, j] != levels[rest]) and chance_of_noise(record, j, levels) > NO_NOISE):
         return
     u[rest, j] = levels[rest]

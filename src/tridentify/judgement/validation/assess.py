@@ -27,6 +27,7 @@ from tridentify.estimation.methods.explained import explained_or_refused
 from tridentify.judgement.causes.feedback import Inputs
 from tridentify.judgement.causes.fewer import VAGUE
 from tridentify.judgement.causes.first_samples import Predictions, beginning
+from tridentify.judgement.causes.input_floor import may_carry_noise
 from tridentify.judgement.validation.correlation import correlate
 from tridentify.judgement.validation.evidence import (
     Evidence,
@@ -244,7 +245,8 @@ def looked_at(
     try:
         outputs = range(len(view.outputs))
         called = _noise_may_hide(view) or any(suspicious(view, i, estimate) for i in outputs)
-        if not (called or starts_wild(view) or torn_at(view) or may_react(view)):
+        hidden = may_carry_noise(view.records)
+        if not (called or hidden or starts_wild(view) or torn_at(view) or may_react(view)):
             return ()
         found = _judge(estimate, view, LEVEL, _lags(estimate, view))
     except (TridentifyError, np.linalg.LinAlgError):

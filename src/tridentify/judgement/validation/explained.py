@@ -132,6 +132,24 @@ def explanations(
     return replace(found, printed=_printed(view, estimate, found.present))
 
 
+def of_input_noise(view: View, estimate: Estimate, noises: Sequence[Array]) -> Explanations | None:
+    """All causes, where an input without the noise that it may carry explains more; else None.
+
+    Noise that a smooth input carries makes a residual that looks like noise of the output.
+
+    Parameters
+    ----------
+    view : View
+    estimate : Estimate
+    noises : sequence of (p,) arrays
+        Model of each output's noise.
+    """
+    found = explanations(view, estimate, noises, only="input-noise")
+    if found is None or found.best is None or not told_alone(found.best):
+        return None
+    return explanations(view, estimate, noises)
+
+
 def _printed(view: View, estimate: Estimate, base: Attempt) -> Array:
     """(n_outputs,) fit [percent] of an estimate where the present explanation has a residual.
 
@@ -248,6 +266,10 @@ def finding_of(
         f"{where}: {rival.headline or HEADLINES[rival.code]}. {TRIED}, {rival.what} {verb} it best."
     )
     message += _not_told_from(found, explained)
+    severity: Severity = "error" if _spoils(rival) else "warning"
+    if rival.kind == "floor" and not _moves(found, explained, estimate):
+        # smooth inputs seldom carry so much that a coefficient feels it
+        severity = "note"
     advice = for_left_open(rival.advice, estimate)
     remedy, effect = advice, _effect(found, explained, estimate)
     if rival.code == "drift" and not (rival.refits or rival.headline):
@@ -255,7 +277,7 @@ def finding_of(
         effect = f"{effect} {brings}".rstrip()
     return Finding(
         rival.code,
-        "error" if _spoils(rival) else "warning",
+        severity,
         message,
         remedy or advice,
         tuple(outputs),
@@ -263,6 +285,12 @@ def finding_of(
         effect=effect,
         kind=rival.kind,
     )
+
+
+def _moves(found: Explanation, explained: Explanations, estimate: Estimate) -> bool:
+    """Whether a coefficient moves by more than its standard error."""
+    theta = None if explained.printed is None else np.asarray(estimate.theta)
+    return moved(found, explained.present, np.asarray(estimate.std), theta)[3] > HARDLY
 
 
 def _spoils(rival: Rival) -> bool:

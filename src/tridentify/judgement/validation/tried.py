@@ -20,6 +20,7 @@ from tridentify.judgement.causes.feedback import (
     coming,
     forecasts_react,
 )
+from tridentify.judgement.causes.input_floor import may_carry_noise
 from tridentify.judgement.causes.interpolated import interpolated
 from tridentify.judgement.causes.intersample import is_staircase
 from tridentify.judgement.causes.lost import LEAST_PIECE, Place, after_gaps, jumps
@@ -33,6 +34,7 @@ from tridentify.judgement.validation.evidence import (
 from tridentify.judgement.validation.explained import (
     change,
     explanations,
+    of_input_noise,
     same_records,
     settled,
     still_far,
@@ -262,6 +264,8 @@ def _tried(
     if not lines and (torn or called or hinted or stepped or may_react(view)):
         noises = [one.noise for one in evidence]
         explained = explanations(view, setting.estimate, noises, torn, known=known)
+    elif view.own and may_carry_noise(view.records):
+        explained = of_input_noise(view, setting.estimate, [one.noise for one in evidence])
     evidence = _reacting(view, evidence, explained)
     return TriedCauses(view, evidence, explained, [None for _ in outputs], moved_by)
 
