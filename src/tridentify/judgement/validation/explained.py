@@ -262,12 +262,13 @@ def finding_of(
         times=rival.times,
         effect=effect,
         kind=rival.kind,
+        experiment=rival.experiment,
     )
 
 
 def _spoils(rival: Rival) -> bool:
     """Whether the numbers are wrong with a cause, and are put right by its remedy."""
-    return rival.refits and (rival.code in SPOILS or rival.kind == "clocks")
+    return rival.spoils or (rival.refits and (rival.code in SPOILS or rival.kind == "clocks"))
 
 
 def _about_slow(explained: Explanations, estimate: Estimate) -> tuple[str, str]:
@@ -397,6 +398,9 @@ def _effect(found: Explanation, explained: Explanations, estimate: Estimate) -> 
     if k >= 0 and size > 0.1:
         name = estimate.names[k]
         said.append(f"{name} from {old:.4g} to {new:.4g} ({size:.1f} standard errors)")
+    if found.rival.experiment is not None and len(found.attempts) > 1:
+        moves = most_moved(estimate, found.attempts[0])
+        said += [f"{moves} for the others"] if moves else []
     said.append(f"the sum of squares of the whitened residual falls by {_percent(found.share)}")
     return f"With it: {', '.join(said)}."
 
