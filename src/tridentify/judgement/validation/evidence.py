@@ -45,12 +45,12 @@ from tridentify.judgement.validation.likelihood_ratio import (
 )
 from tridentify.judgement.validation.residuals import Output, View
 from tridentify.judgement.validation.result import Normality
-from tridentify.judgement.validation.sizes import over_own_size, size_of_stretches
+from tridentify.judgement.validation.sizes import size_of_stretches
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import most_coefficients
 from tridentify.numerics.kept import cached_property
 from tridentify.numerics.lagrange import added_each, span
-from tridentify.numerics.local_size import changes_size, over_local_size
+from tridentify.numerics.local_size import changes_size, over_local_size, over_own_size
 from tridentify.numerics.portmanteau import (
     Autocorrelation,
     Portmanteau,

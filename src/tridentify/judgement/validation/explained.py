@@ -125,7 +125,7 @@ def explanations(
     if estimate.structure.constrained and not _integrates(estimate):
         return None
     skip = ("delay",) if estimate.structure.delay == "free" else ()
-    present = _present(view, estimate, noises)
+    present = present_of(view, estimate, noises)
     found = explain(present, skip=skip, torn=torn, only=only, known=known)
     if found is None or not view.own:
         return found
@@ -156,10 +156,11 @@ def settled(view: View, estimate: Estimate, noises: Sequence[Array]) -> Attempt 
     """The model of an estimate fitted to the samples of a view; None where it cannot be."""
     if estimate.structure.constrained:
         return None
-    return settle(_present(view, estimate, noises))
+    return settle(present_of(view, estimate, noises))
 
 
-def _present(view: View, estimate: Estimate, noises: Sequence[Array]) -> Present:
+def present_of(view: View, estimate: Estimate, noises: Sequence[Array]) -> Present:
+    """The model of an estimate on the samples of a view, to be fitted anew."""
     records = [_without(record, view, e) for e, record in enumerate(view.records)]
     delay = np.array(estimate.model.delay)
     return Present.of(

@@ -1,4 +1,4 @@
-"""The size of the noise from stretch to stretch, and from experiment to experiment."""
+"""The size of the noise from stretch to stretch."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from scipy.special import fdtrc
 from tridentify.judgement.validation.residuals import Output
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.quantiles import median
-from tridentify.numerics.robust import median_scale
 
 PER_STRETCH = 25
 """Samples of a stretch whose scale is compared with the others'."""
@@ -19,45 +18,6 @@ MOST_STRETCHES = 8
 """Most stretches of a record."""
 FARTHEST = 4.0
 """Standard deviations at which samples are cut for that, so that one outlier is no stretch."""
-FEWEST = 20
-"""Samples of an experiment from which its noise has a size of its own."""
-
-
-def over_own_size(series: Sequence[Array]) -> tuple[Array, ...]:
-    """What is left of several experiments, each over the size of its own noise.
-
-    Parameters
-    ----------
-    series : sequence of (n_samples,) arrays
-        ``nan`` marks a missing sample.
-
-    Returns
-    -------
-    tuple of (n_samples,) arrays
-        As they are where there is one, or where one has too few samples.
-
-    Examples
-    --------
-    >>> noise = np.random.default_rng(0).standard_normal((2, 400))
-    >>> [round(float(one.std()), 1) for one in over_own_size([noise[0], 9.0 * noise[1]])]
-    [1.0, 1.0]
-    """
-    if len(series) < 2:
-        return tuple(series)
-    sizes = sizes_of(series)
-    return tuple(one / size if size > 0 else one for one, size in zip(series, sizes, strict=True))
-
-
-def sizes_of(series: Sequence[Array]) -> list[float]:
-    """Standard deviation of each by its median, which single far samples do not move; 0 for none.
-
-    Parameters
-    ----------
-    series : sequence of (n_samples,) arrays
-        ``nan`` marks a missing sample.
-    """
-    seen = [one[np.isfinite(one)] for one in series]
-    return [median_scale(one - median(one)) if one.size >= FEWEST else 0.0 for one in seen]
 
 
 def size_of_stretches(
