@@ -156,7 +156,7 @@ class _One:
         names = self._record.input_names if of_input else self._record.output_names
         alone = self._record.n_inputs == 1 if of_input else False
         of = "" if alone else f" of {names[channel]}"
-        times = f"{_rounded(gain, std)} times that of {self._than}"
+        times = f"{rounded(gain, std)} times that of {self._than}"
         if plain:
             what = f"the opposite sign{of} in experiment {number}"
             do = f"Look which sensor was reversed in experiment {number}"
@@ -203,7 +203,7 @@ class _One:
             return None
         number, step = self.e + 1, self.present.step
         way = "later" if samples > 0 else "earlier"
-        by = f"{_rounded(abs(samples) * step, std * step)} s"
+        by = f"{rounded(abs(samples) * step, std * step)} s"
         return replace(
             self._rival(self._with(self._late(samples)), ends[samples]),
             what=f"an answer {way} by {by} in experiment {number}",
@@ -271,12 +271,12 @@ class _One:
         return np.asarray(point.answering(rows).outputs()[0])
 
 
-def _rounded(value: float, std: float) -> str:
+def rounded(value: float, std: float) -> str:
     """A number and its standard error, as far as that tells it.
 
     Examples
     --------
-    >>> _rounded(1.1, 0.0072), _rounded(57.3, 12.0), _rounded(0.05, 0.0)
+    >>> rounded(1.1, 0.0072), rounded(57.3, 12.0), rounded(0.05, 0.0)
     ('1.100 +- 0.007', '60 +- 10', '0.05 +- 0')
     """
     if not std > 0.0:
