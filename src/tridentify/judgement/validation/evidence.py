@@ -57,7 +57,6 @@ from tridentify.numerics.portmanteau import (
     autocorrelation_of_fit,
     portmanteau,
 )
-from tridentify.numerics.quantiles import median
 from tridentify.numerics.robust import median_scale
 
 PRETEST = 0.05
