@@ -214,8 +214,8 @@ def agreed(findings: Iterable[Finding]) -> list[Finding]:
     """Without what contradicts a larger model that was fitted, or without that model.
 
     A model without half of the response (an error of ``order-low``) shows no response for want of
-    poles, and experiments with opposite signs show none together. Where fewer poles explain a record
-    as well, more of them are no advice.
+    poles, and experiments with opposite signs show none together. Where fewer poles explain a
+    record as well, more of them are no advice.
 
     Examples
     --------
