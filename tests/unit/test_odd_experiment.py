@@ -30,7 +30,7 @@ def three(seed, **odd):
     [
         pytest.param({"gain": -1.0}, "opposite", "opposite sign", marks=pytest.mark.slow),
         ({"gain": 1.1}, "gain", "a gain of 1.1"),
-        pytest.param({"late": 1}, "clock", "an answer later by 0.0", marks=pytest.mark.slow),
+        pytest.param({"late": 1}, "late", "an answer later by 0.0", marks=pytest.mark.slow),
     ],
     ids=["sign", "gain", "late"],
 )

@@ -71,7 +71,7 @@ KINDS: Mapping[str, str] = MappingProxyType(
         "missing-code": "of stuck-sensor: a number that stands for a missing value",
         "opposite": "of disagreeing-experiments, another-system: a channel has the opposite sign",
         "gain": "of disagreeing-experiments, another-system: a channel has another gain",
-        "clock": "of disagreeing-experiments: an experiment is late, or early",
+        "late": "of disagreeing-experiments: an experiment is late, or early",
         "alone": "of intersample: compared with the present behaviour, beside no other cause",
     }
 )

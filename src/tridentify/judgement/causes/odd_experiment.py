@@ -211,7 +211,7 @@ class _One:
             "late there; with the times of that channel put right identify again.",
             price=2.0,
             headline=f"experiment {number} answers {way} than {self._than}",
-            kind="clock",
+            kind="late",
         )
 
     def _rival(self, part: Present, end: Attempt) -> Rival:
