@@ -1,20 +1,24 @@
-"""Samples over the size of the noise around them, where its size changes."""
+"""Samples over the size of the noise around them, or of their record, where its size changes."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.special import ndtri
 
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.quantiles import quantiles
-from tridentify.numerics.robust import MAD_OF_NORMAL
+from tridentify.numerics.quantiles import median, quantiles
+from tridentify.numerics.robust import MAD_OF_NORMAL, median_scale
 
 NEIGHBOURS = 31
 """Samples of which the median magnitude is the size of the noise: ten spikes among them move it
 little, and what changes more slowly is followed."""
 FEWEST_NEIGHBOURS = 20
 """Below these the size is that of chance."""
+FEWEST_OF_ONE = 20
+"""Samples of a record from which its noise has a size of its own."""
 FARTHER = 1.2
 """How much farther than normal deviates samples may be by chance over a size that is known from so
 few."""
@@ -107,6 +111,43 @@ def changes_size(values: Array) -> bool:
         np.median(windows[:: 1 + len(windows) // MANY], axis=1), (0.1, 0.9)
     ).tolist()
     return bool(high > CHANGES * low)
+
+
+def over_own_size(series: Sequence[Array]) -> tuple[Array, ...]:
+    """What is left of several experiments, each over the size of its own noise.
+
+    Parameters
+    ----------
+    series : sequence of (n_samples,) arrays
+        ``nan`` marks a missing sample.
+
+    Returns
+    -------
+    tuple of (n_samples,) arrays
+        As they are where there is one, or where one has too few samples.
+
+    Examples
+    --------
+    >>> noise = np.random.default_rng(0).standard_normal((2, 400))
+    >>> [round(float(one.std()), 1) for one in over_own_size([noise[0], 9.0 * noise[1]])]
+    [1.0, 1.0]
+    """
+    if len(series) < 2:
+        return tuple(series)
+    sizes = sizes_of(series)
+    return tuple(one / size if size > 0 else one for one, size in zip(series, sizes, strict=True))
+
+
+def sizes_of(series: Sequence[Array]) -> list[float]:
+    """Standard deviation of each by its median, which single far samples do not move; 0 for none.
+
+    Parameters
+    ----------
+    series : sequence of (n_samples,) arrays
+        ``nan`` marks a missing sample.
+    """
+    seen = [one[np.isfinite(one)] for one in series]
+    return [median_scale(one - median(one)) if one.size >= FEWEST_OF_ONE else 0.0 for one in seen]
 
 
 def _around(size: Array) -> Array:

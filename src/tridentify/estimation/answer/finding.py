@@ -70,6 +70,9 @@ KINDS: Mapping[str, str] = MappingProxyType(
         "held": "of stuck-sensor: friction may hold what moves",
         "missing-code": "of stuck-sensor: a number that stands for a missing value",
         "floor": "of input-noise: white noise beside a smooth input, seen in its spectrum",
+        "opposite": "of disagreeing-experiments, another-system: a channel has the opposite sign",
+        "gain": "of disagreeing-experiments, another-system: a channel has another gain",
+        "late": "of disagreeing-experiments: an experiment is late, or early",
         "alone": "of intersample: compared with the present behaviour, beside no other cause",
     }
 )
@@ -212,7 +215,8 @@ def agreed(findings: Iterable[Finding]) -> list[Finding]:
     """Without what contradicts a larger model that was fitted, or without that model.
 
     A model without half of the response (an error of ``order-low``) shows no response for want of
-    poles. Where fewer poles explain a record as well, more of them are no advice.
+    poles, and experiments with opposite signs show none together. Where fewer poles explain a
+    record as well, more of them are no advice.
 
     Examples
     --------
@@ -225,7 +229,8 @@ def agreed(findings: Iterable[Finding]) -> list[Finding]:
     """
     found = list(findings)
     low = [one for one in found if one.code == "order-low" and one.matters]
-    if any(one.severity == "error" for one in low):
+    opposite = [one for one in found if one.kind == "opposite"]
+    if any(one.severity == "error" for one in (*low, *opposite)):
         found = [one for one in found if one.code not in ("no-response", "order-high")]
     elif any(one.code == "order-high" for one in found):
         found = [replace(one, severity="note", remedy="") if one in low else one for one in found]

@@ -20,7 +20,12 @@ from tridentify.judgement.causes.both_ways_filtered import both_ways_rivals
 from tridentify.judgement.causes.breaks import break_rivals
 from tridentify.judgement.causes.clocks import clock_rivals
 from tridentify.judgement.causes.delay import delay_rivals, neighbours, shifted
-from tridentify.judgement.causes.explanation import CLEARLY, Explanation, Explanations
+from tridentify.judgement.causes.explanation import (
+    AS_MUCH,
+    CLEARLY,
+    Explanation,
+    Explanations,
+)
 from tridentify.judgement.causes.feedback import reacts
 from tridentify.judgement.causes.gains import gain_rivals
 from tridentify.judgement.causes.input_floor import floor_rivals
@@ -31,10 +36,12 @@ from tridentify.judgement.causes.intersample import (
     is_staircase,
 )
 from tridentify.judgement.causes.lost import Place, lost_rivals
+from tridentify.judgement.causes.odd_experiment import MOST, apart_rivals, single_rivals
 from tridentify.judgement.causes.periodic import periodic_rivals
 from tridentify.judgement.causes.present import Present
 from tridentify.judgement.causes.pulses import level_rivals, pulse_rivals
 from tridentify.judgement.causes.rivals import (
+    DISAGREEING,
     Rival,
     drift_rivals,
     nonlinear_rivals,
@@ -114,6 +121,7 @@ def explain(
     found += [] if only else _together(found, settled, base)
     found += _late_again(found, settled, base)
     found += _lines_again(found, settled, base)
+    found += _odd_ones(found, settled, base)
     if only:
         return Explanations(base, tuple(sorted(found, key=lambda one: -one.gain)))
     late = _late_in_colour(found, present, base)
@@ -334,6 +342,35 @@ def _in_colour(found: Explanation, orders: Sequence[int], base: Attempt) -> Expl
     return None if ends is None else _explanation(rival, ends, base)
 
 
+def _odd_ones(found: Sequence[Explanation], present: Present, base: Attempt) -> list[Explanation]:
+    """Which experiment differs from the others, and in what, where they do not agree.
+
+    Of two the second is compared with the first. Less than all coefficients is what differs where
+    these explain no more.
+    """
+    own = [one for one in found if one.rival.code == DISAGREEING and one.is_clear]
+    several = len(present.records)
+    if not own or several > MOST:
+        return []
+    (every,) = own
+    whole, others, e = every, every.attempts[0], 1
+    if several > 2:
+        apart = _fitted(apart_rivals(present, every.attempts), base)
+        apart.sort(key=lambda one: -one.gain)
+        # two that differ alike, or all of them
+        next_best = max((one.gain for one in apart[1:]), default=-np.inf)
+        if not apart or apart[0].gain < max(next_best + CLEARLY, every.gain - CLEARLY):
+            return []
+        whole = apart[0]
+        others, number = whole.attempts[0], whole.rival.experiment
+        assert number is not None
+        e = number
+    single = _fitted(single_rivals(present, e, others), base)
+    least = min(AS_MUCH * whole.gain, whole.gain - CLEARLY)
+    kept = [one for one in single if one.is_clear and one.gain > least]
+    return [*([whole] if several > 2 else []), *kept]
+
+
 def _from(present: Present, base: Attempt) -> Present:
     """From where the present explanation ended."""
     return replace(present, poles=base.point.poles, noise=base.point.problem.noise)
@@ -432,6 +469,8 @@ def _explanation(rival: Rival, ends: tuple[Attempt, ...], base: Attempt) -> Expl
         # pieces of records
         lengths = np.cumsum([one.shape[0] for one in whole])[:-1]
         masks = np.split(np.concatenate(masks), lengths)
+    if rival.experiment is not None and len(ends) > 1:
+        masks.insert(rival.experiment, masks.pop())
     split = len(masks) != len(whole)
     same = split or all(np.array_equal(a, b) for a, b in zip(masks, whole, strict=True))
     before = base.deviance if same else base.on(masks).deviance

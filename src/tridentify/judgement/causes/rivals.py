@@ -42,6 +42,10 @@ noise of a measured input of two levels."""
 
 ALONG = "Estimate a drift along (drift=True; --drift yes)."
 """What to do where a line explains a drift."""
+
+DISAGREEING = "disagreeing-experiments"
+"""Code of what says that experiments differ."""
+
 STICKS = 0.05
 """Share of the usual speed below which dry friction holds what moves, and does not brake it."""
 
@@ -107,6 +111,10 @@ class Rival:
         What it is called, where it is not what its code says.
     kind : str
         That of its finding.
+    experiment : int or None
+        The one that it names of several.
+    spoils : bool
+        Whether the numbers are wrong with it, where its code does not say so.
     """
 
     code: str
@@ -123,6 +131,8 @@ class Rival:
     behind: Callable[[Attempt], Attempt] | None = None
     headline: str = ""
     kind: str = ""
+    experiment: int | None = None
+    spoils: bool = False
 
 
 def one(code: str, present: Present, what: str, advice: str, *, refits: bool = True) -> Rival:
@@ -246,7 +256,7 @@ def varying_rivals(present: Present) -> Iterator[Rival]:
     if len(records) > 1:
         parts = tuple(replace(present, records=(record,)) for record in records)
         yield Rival(
-            "disagreeing-experiments",
+            DISAGREEING,
             parts,
             ((present.poles,),) * len(parts),
             "coefficients that differ between the experiments",

@@ -158,8 +158,9 @@ def _of_output(present: Present, fitted: Sequence[Array], i: int) -> Rival | Non
             break
         limits = found
         pairs = zip(present.records, outputs, strict=True)
-        part = replace(present, records=tuple(_within(r, f, limits) for r, f in pairs))
         try:
+            # an experiment may have no sample within the limits of the others
+            part = replace(present, records=tuple(_within(r, f, limits) for r, f in pairs))
             problem = replace(part, noise=()).problem()
             end = attempt(problem, [poles], present.orders, steps=STEPS, rounds=0)
         except TridentifyError:

@@ -24,6 +24,7 @@ from tridentify.judgement.causes.rivals import ALONG
 from tridentify.judgement.causes.told_apart import loop_findings
 from tridentify.judgement.cautions.coefficients import coefficient_findings
 from tridentify.judgement.cautions.levels import level_findings
+from tridentify.judgement.cautions.opposite import opposite_findings
 from tridentify.judgement.cautions.outliers import outlier_findings
 from tridentify.judgement.cautions.remedies import with_drift_tried, with_stuck_tried
 from tridentify.judgement.cautions.residual import (
@@ -81,6 +82,7 @@ def judged(
         # other behaviours let an output follow the sample to come, and an input move within a gap:
         # the tests compared both
         found = [one for one in found if one.code != "intersample"]
+    tested += opposite_findings(estimate, records, [*found, *tested])
     found = _beside_better(found, tested)
     loop = about_loop(estimate, records, tested)
     if any(one.severity == "error" for one in loop):
@@ -145,7 +147,7 @@ EXPLAIN = ("intersample", "delay", "feedback", "saturation", "order-low")
 """Causes which say why another model of the noise is likelier: it makes up for them."""
 
 
-BENDS = ("saturation", "nonlinear", "varying")
+BENDS = ("saturation", "nonlinear", "varying", "disagreeing-experiments")
 """Causes that leave single samples far from a model that was fitted across them."""
 
 
@@ -156,7 +158,9 @@ def _beside_causes(seen: Sequence[Finding], tested: Sequence[Finding]) -> list[F
     samples beside the causes that they fit, so where they find such a cause and no bad samples, a
     robust loss would only keep what the cause bends.
     """
-    bent = {name for one in tested if one.code in BENDS and one.effect for name in one.outputs}
+    every = {name for one in seen for name in one.outputs}
+    bends = [one for one in tested if one.code in BENDS and one.effect]
+    bent = {name for one in bends for name in one.outputs or every}
     bad = [one for one in tested if one.code == "bad-samples" and one.matters]
     bent -= {name for one in bad for name in one.outputs}
     return [one for one in seen if one.code != "bad-samples" or not set(one.outputs) <= bent]

@@ -23,7 +23,12 @@ from tridentify.judgement.validation.distribution import QUANTILE, SMALL_SAMPLE,
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.converter import within_a_step
-from tridentify.numerics.local_size import changes_size, farthest_by_chance, over_local_size
+from tridentify.numerics.local_size import (
+    FEWEST_OF_ONE,
+    changes_size,
+    farthest_by_chance,
+    over_local_size,
+)
 from tridentify.numerics.quantiles import median, quantiles, root_mean_square
 from tridentify.numerics.robust import median_scale
 from tridentify.record.record import Record
@@ -47,6 +52,9 @@ FEW = 10_000
 CLEARLY = 0.9
 """Share of the limit below which that first look is believed; nine standard errors of the scale
 away from it."""
+OTHER = 1.5
+"""Size of one experiment's noise over that of another from which its samples are compared with its
+own: of 20 samples the size is uncertain by a quarter."""
 MOST_SPIKES = 50
 """Samples taken out of one experiment's noise, one by one."""
 BESIDE = 3
@@ -130,6 +138,7 @@ def _far_samples(series: Sequence[Array], a: Array) -> tuple[list[tuple[int, int
     if scale == 0 or not (a.size or size.max() / scale > _limit(seen.size)):
         return [], 0.0
     # an experiment too short for a size of its own is judged by that of all
+    series = _of_one_size(series, a)
     left = [_from_neighbours((one - middle) / scale, _taps(a)) for one in series]
     if not any(changes_size(one) for one in left):
         places, farthest = _outliers(series, middle, scale)
@@ -138,6 +147,24 @@ def _far_samples(series: Sequence[Array], a: Array) -> tuple[list[tuple[int, int
     even = [np.nan_to_num(over_local_size(one)) for one in left]
     places = [(e, int(k)) for e, one in enumerate(even) for k in np.flatnonzero(abs(one) > limit)]
     return places, max((abs(float(series[e][k]) - middle) / scale for e, k in places), default=0.0)
+
+
+def _of_one_size(series: Sequence[Array], a: Array) -> Sequence[Array]:
+    """Experiments whose noise is of another size, as if it were of that of all."""
+    if len(series) < 2:
+        return series
+    parts = [_from_neighbours(one, _taps(a)) for one in series]
+    there = [one[np.isfinite(one)] for one in parts]
+    sizes = np.array(
+        [_scale(np.abs(one - median(one))) if one.size >= FEWEST_OF_ONE else 0.0 for one in there]
+    )
+    known = sizes > 0
+    if np.sum(known) < 2 or sizes[known].max() < OTHER * sizes[known].min():
+        return series
+    seen = np.concatenate(there)
+    scale = _scale(np.abs(seen - median(seen)))
+    factors = np.where(known, scale / np.where(known, sizes, 1.0), 1.0)
+    return [factor * one for factor, one in zip(factors.tolist(), series, strict=True)]
 
 
 def _outliers(

@@ -15,7 +15,7 @@ from tridentify.estimation.answer.trace import FAR_LIKELIER, RESPONSE_AS_NOISE, 
 from tridentify.estimation.answer.trust import predicts
 from tridentify.estimation.likelihood.raster import on_raster, places_on_raster, spread_out
 from tridentify.judgement.causes.first_samples import Predictions, beginning
-from tridentify.judgement.causes.slow import HALVES, slow_waves
+from tridentify.judgement.causes.slow import HALVES, MOSTLY_SLOW, PER_WAVE, slow_waves
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.correlation import autocorrelation
@@ -41,17 +41,9 @@ MOST_OUTSIDE = 3
 MISSED = 1e-3
 """Probability of taking noise for a response."""
 
-MOSTLY_SLOW = 0.5
-"""Share of a residual that a few slow waves explain from which it is a slow disturbance. Of right
-records with white or autoregressive (0.7) noise, nine in ten are below 0.1, and the most is 0.2,
-or 0.37 of one of two short experiments; of 26 in 30 with a slow disturbance, 0.5 to 0.99."""
-
 MEMORIES = 25.0
 """Memories of the noise model in a record from which what is slow is noise that the record shows
 often enough: what is fitted to a random walk over a record has 15 to 20, or fewer."""
-
-PER_WAVE = 25
-"""Samples a wave below which that says nothing: so many of autoregressive noise (0.7) leave 0.2."""
 
 
 def residual_findings(

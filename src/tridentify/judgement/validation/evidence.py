@@ -26,7 +26,6 @@ from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
-from scipy.special import fdtrc
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.validation import columns
@@ -46,18 +45,18 @@ from tridentify.judgement.validation.likelihood_ratio import (
 )
 from tridentify.judgement.validation.residuals import Output, View
 from tridentify.judgement.validation.result import Normality
+from tridentify.judgement.validation.sizes import size_of_stretches
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import most_coefficients
 from tridentify.numerics.kept import cached_property
 from tridentify.numerics.lagrange import added_each, span
-from tridentify.numerics.local_size import changes_size, over_local_size
+from tridentify.numerics.local_size import changes_size, over_local_size, over_own_size
 from tridentify.numerics.portmanteau import (
     Autocorrelation,
     Portmanteau,
     autocorrelation_of_fit,
     portmanteau,
 )
-from tridentify.numerics.quantiles import median
 from tridentify.numerics.robust import median_scale
 
 PRETEST = 0.05
@@ -69,12 +68,6 @@ WORTH_MODELLING = 0.02
 """p-value of a score test up to which the noise is modelled again beside its columns."""
 LEAST_FEEDBACK = 0.02
 """Share of the residual that samples of the input to come must explain to be called feedback."""
-PER_STRETCH = 25
-"""Samples of a stretch whose scale is compared with the others'."""
-MOST_STRETCHES = 8
-"""Most stretches of a record."""
-FARTHEST = 4.0
-"""Standard deviations at which samples are cut for that, so that one outlier is no stretch."""
 HEAVY = 0.9
 """Leverage from which a sample is left out, as its residual is mostly its own doing."""
 
@@ -99,8 +92,8 @@ class Evidence:
         The same under white noise, whatever the noise model of the estimate.
     noise : (p,) array
         The model of the noise that the other tests use.
-    past, level, feedback, later, linear, scale : float
-        p-values.
+    past, level, feedback, later, linear, scale, scale_within : float
+        p-values; the last of the size of the noise within the experiments, whatever it is in each.
     by_input : tuple of float
         p-values of the past of each input beside that of the others.
     lags : tuple of int
@@ -123,6 +116,7 @@ class Evidence:
     later: float
     linear: float
     scale: float
+    scale_within: float
     by_input: tuple[float, ...]
     lags: tuple[int, ...]
     normality: Normality
@@ -293,11 +287,17 @@ class _Tests:
 
     @cached_property
     def _stretches(self) -> tuple[float, Array, Array]:
-        return _scale(self._output, self._plain, self._own[0])
+        return size_of_stretches(self._output, self._plain, self._own[0])
 
     @property
     def scale(self) -> float:
         return self._stretches[0]
+
+    @cached_property
+    def scale_within(self) -> float:
+        even = over_own_size(self._plain)
+        own = np.nan_to_num(np.concatenate(over_own_size(self.innovations)))
+        return size_of_stretches(self._output, even, own)[0]
 
     @property
     def edges(self) -> Array:
@@ -312,13 +312,17 @@ class _Tests:
         plain, changes = self._plain, False
         if self.scale < CALLED:
             # noise that changes its size has far samples and uncertain correlations
-            plain, changes = self._levelled(plain), any(changes_size(one) for one in plain)
+            plain, changes = self._levelled(plain), any(map(changes_size, over_own_size(plain)))
         return distribution(
             self._output.name, plain, self._times, self._rate, self.noise, levelled=changes
         )
 
     def _levelled(self, plain: tuple[Array, ...]) -> tuple[Array, ...]:
-        """Over the size of the noise around each sample, or of its stretch where few are large."""
+        """Over the size of the noise around each sample, or of its stretch where few are large.
+
+        Of several experiments each has noise of its own.
+        """
+        plain = over_own_size(plain)
         if any(changes_size(one) for one in plain):
             return tuple(over_local_size(one) for one in plain)
         joined = np.concatenate(plain)
@@ -472,31 +476,3 @@ def _studentised(output: Output, e: Array, basis: Array) -> tuple[Array, ...]:
     scale = spread * np.sqrt(np.where(there, kept, 1.0))
     found = np.where(there, left / np.where(scale > 0, scale, 1.0), np.nan)
     return tuple(split(output, found))
-
-
-def _scale(output: Output, plain: tuple[Array, ...], own: Array) -> tuple[float, Array, Array]:
-    """Whether the size of the noise changes from stretch to stretch (Brown & Forsythe 1974).
-
-    The absolute values about the middle of each stretch are compared by their analysis of
-    variance, gross outliers cut off: a slow disturbance that stays makes no noise larger.
-    """
-    joined = np.concatenate(plain)
-    count = int(np.clip(output.count // PER_STRETCH, 2, MOST_STRETCHES))
-    edges = np.linspace(0, joined.size, count + 1).round().astype(int)
-    parts, scales = [], []
-    for a, b in pairwise(edges.tolist()):
-        one = joined[a:b]
-        seen = one[np.isfinite(one)]
-        scales.append(float(np.sqrt(np.mean(own[a:b] ** 2))) if seen.size else np.nan)
-        if seen.size > 2:
-            parts.append(np.minimum(np.abs(seen - median(seen)), FARTHEST))
-    n, k = sum(one.size for one in parts), len(parts)
-    if k < 2 or n <= k:
-        return 1.0, edges.astype(np.float64), np.array(scales)
-    # the square root brings the absolute value of a Gaussian near a Gaussian
-    parts = [np.sqrt(one) for one in parts]
-    mean = sum(float(one.sum()) for one in parts) / n
-    between = sum(one.size * (float(one.mean()) - mean) ** 2 for one in parts) / (k - 1)
-    within = sum(float(np.sum((one - one.mean()) ** 2)) for one in parts) / (n - k)
-    p_value = float(fdtrc(k - 1, n - k, between / within)) if within > 0 else 1.0
-    return p_value, edges.astype(np.float64), np.array(scales)

@@ -125,7 +125,7 @@ def explanations(
     if estimate.structure.constrained and not _integrates(estimate):
         return None
     skip = ("delay",) if estimate.structure.delay == "free" else ()
-    present = _present(view, estimate, noises)
+    present = present_of(view, estimate, noises)
     found = explain(present, skip=skip, torn=torn, only=only, known=known)
     if found is None or not view.own:
         return found
@@ -174,10 +174,11 @@ def settled(view: View, estimate: Estimate, noises: Sequence[Array]) -> Attempt 
     """The model of an estimate fitted to the samples of a view; None where it cannot be."""
     if estimate.structure.constrained:
         return None
-    return settle(_present(view, estimate, noises))
+    return settle(present_of(view, estimate, noises))
 
 
-def _present(view: View, estimate: Estimate, noises: Sequence[Array]) -> Present:
+def present_of(view: View, estimate: Estimate, noises: Sequence[Array]) -> Present:
+    """The model of an estimate on the samples of a view, to be fitted anew."""
     records = [_without(record, view, e) for e, record in enumerate(view.records)]
     delay = np.array(estimate.model.delay)
     return Present.of(
@@ -284,6 +285,7 @@ def finding_of(
         times=rival.times,
         effect=effect,
         kind=rival.kind,
+        experiment=rival.experiment,
     )
 
 
@@ -295,7 +297,7 @@ def _moves(found: Explanation, explained: Explanations, estimate: Estimate) -> b
 
 def _spoils(rival: Rival) -> bool:
     """Whether the numbers are wrong with a cause, and are put right by its remedy."""
-    return rival.refits and (rival.code in SPOILS or rival.kind == "clocks")
+    return rival.spoils or (rival.refits and (rival.code in SPOILS or rival.kind == "clocks"))
 
 
 def _about_slow(explained: Explanations, estimate: Estimate) -> tuple[str, str]:
@@ -425,6 +427,9 @@ def _effect(found: Explanation, explained: Explanations, estimate: Estimate) -> 
     if k >= 0 and size > 0.1:
         name = estimate.names[k]
         said.append(f"{name} from {old:.4g} to {new:.4g} ({size:.1f} standard errors)")
+    if found.rival.experiment is not None and len(found.attempts) > 1:
+        moves = most_moved(estimate, found.attempts[0])
+        said += [f"{moves} for the others"] if moves else []
     said.append(f"the sum of squares of the whitened residual falls by {_percent(found.share)}")
     return f"With it: {', '.join(said)}."
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from tridentify.estimation.answer.finding import Finding
+from tridentify.judgement.causes.slow import HALVES, MOSTLY_SLOW, slow_share
 from tridentify.judgement.validation.evidence import Evidence
 from tridentify.judgement.validation.known_causes import KnownCauses
+from tridentify.judgement.validation.noise_of_each import of_each
 from tridentify.judgement.validation.phrases import one_finding, seconds, when
 from tridentify.judgement.validation.residuals import View
 from tridentify.judgement.validation.result import Transfer
@@ -86,7 +88,9 @@ def about_noise(
             )
         )
     if ("scale", name) in rejected:
-        found.append(_of_changing_size(one, name))
+        noises = [output.noise for output in view.outputs]
+        each = of_each(view, one, name, beside.estimate, noises)
+        found.append(each or _of_changing_size(one, name))
     return found
 
 
@@ -150,6 +154,12 @@ def not_white(view: View, one: Evidence, name: str, beside: KnownCauses) -> Find
     modelled = _has_noise(view, name)
     noise = "the noise model does not fit" if modelled else "the noise is not white"
     seen = f"the residual of {name} is correlated with itself at {_reach(view, one)}: {noise}"
+    if not view.own and (slow := _slowest(view, name)) > MOSTLY_SLOW:
+        text = (
+            f"a slow disturbance moves {name} in this record: {100 * slow:.0f} % of the residual "
+            f"is slower than {HALVES // 2} periods a record"
+        )
+        return one_finding("drift", name, text, "look what moved it there")
     if view.own and beside.estimate.errors == "scores":
         allows = (
             f"{seen}; the standard errors are from the scatter of the scores, which allows for it"
@@ -168,6 +178,12 @@ def not_white(view: View, one: Evidence, name: str, beside: KnownCauses) -> Find
         do = _declined(beside) or "use noise='ar' (--noise ar), which estimates the noise along"
     does_not = f"{seen}, and the standard errors do not allow for it"
     return one_finding("noise-model", name, does_not, do)
+
+
+def _slowest(view: View, name: str) -> float:
+    """Share of what is left of an output that is slow, in the record where it is most."""
+    own = [output for output in view.outputs if output.name == name]
+    return max((slow_share(one) for output in own for one in output.residual), default=0.0)
 
 
 def _declined(beside: KnownCauses) -> str:

@@ -343,6 +343,27 @@ def _fitted_start(
     return best[1:]
 
 
+def start_columns(estimate: Estimate, records: Sequence[Record]) -> list[Array]:
+    """What any start, and an offset, add to outputs, the coefficients held.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    records : sequence of Record
+
+    Returns
+    -------
+    list of (n_samples, k) array
+        Of every output, one experiment below the other.
+    """
+    point = point_of(estimate, records, Nuisances("free", True, bool(estimate.structure.drift)))
+    found = []
+    for i in range(point.problem.n_outputs):
+        columns, ours, _ = _columns(point, i)
+        found.append(np.vstack(_nuisance_columns(columns, ours)[0]))
+    return found
+
+
 def _set_free(point: Point, free: Array, output: int, values: dict[int, float]) -> None:
     """Free responses that were fitted, on the states of the bank."""
     keys = point.width

@@ -25,6 +25,7 @@ from tridentify.judgement.validation.noise_findings import (
     carried_findings,
     not_white,
 )
+from tridentify.judgement.validation.other_record import about_other_record
 from tridentify.judgement.validation.phrases import (
     decapitalised,
     one_finding,
@@ -134,6 +135,7 @@ def findings(
         found.append(finding_of(beside.alone, beside.explained, beside.estimate, (), where))
     if transfer is not None:
         found += carried_findings(view, transfer, rejected)
+        found = about_other_record(found, view, transfer, beside)
     if beside.estimate.route == "direct":
         found = [_as_noise(one) if one.code == "drift" else one for one in found]
     made = interpolated_findings(view.records, beside.estimate if view.own else None)
