@@ -66,6 +66,7 @@ from tridentify.estimation.likelihood.noise_model import STILL as NOISE_STILL
 from tridentify.estimation.methods.along_axis import with_fall
 from tridentify.estimation.methods.base import Method
 from tridentify.estimation.methods.controller_kind import (
+    Assumed,
     Controller,
     assumed,
     coarse_findings,
@@ -74,6 +75,7 @@ from tridentify.estimation.methods.controller_kind import (
     following_findings,
     opposite,
 )
+from tridentify.estimation.methods.either_kind import of_either_kind
 from tridentify.estimation.methods.given_controller import by_likelihood, how_it_worked, rule_of
 from tridentify.estimation.methods.passes import (
     PATIENCE,
@@ -146,6 +148,8 @@ def reference_estimate(
     loop = (*together_findings(asked.records), *driving_findings(parts))
     if not loop and not only_stable and (coloured is not None or not robust):
         unstable = unstable_estimate(parts, kind, asked, coloured is not None, say)
+        if unstable is not None and not taken.certain:
+            unstable = of_either_kind(unstable, taken, asked, coloured is not None, say)
         if unstable is not None:
             again = partial(reference_estimate, asked, controller, plain, near, coloured, say)
             return _or_stable(unstable, partial(again, robust=robust, only_stable=True))
@@ -160,7 +164,7 @@ def reference_estimate(
             taken = assumed("unknown", asked.records, asked.structure)
             told = f"controller taken as {IN_WORDS[taken.sampling]}{taken.why}"
     if not taken.certain:
-        found, told, findings, moved = _either(found, taken.why, asked.structure, near, say)
+        found, told, findings, moved = _either(found, taken, asked.structure, near, say)
     findings = (*following_findings(found), *findings)
     if coloured is not None:
         found = _with_noise_model(found, asked.structure, coloured, say)
@@ -214,7 +218,7 @@ def _reaching(found: Rooted, moves: Sequence[Array]) -> tuple[Rooted, float]:
 
 def _either(
     found: Rooted,
-    why: str,
+    taken_for: Assumed,
     structure: Structure,
     near: Callable[[TransferFunction], Method],
     say: Callable[[str], None],
@@ -225,8 +229,8 @@ def _either(
     except TridentifyError as refused:
         kind = found.loops[0].sampling
         without = f"as {IN_WORDS[opposite(kind)]}, no estimate: {refused}"
-        return found, f"controller taken as {IN_WORDS[kind]}{why}; {without}", (), None
-    seen = compared(found, other, why)
+        return found, f"controller taken as {IN_WORDS[kind]}{taken_for.why}; {without}", (), None
+    seen = compared(found, other, taken_for)
     return other if seen.turned else found, seen.told, seen.findings, seen.moved
 
 
