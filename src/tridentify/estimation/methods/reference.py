@@ -51,6 +51,7 @@ from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Status
 from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.answer.loop_taken import LoopTaken
+from tridentify.estimation.closed_loop.begun import with_start
 from tridentify.estimation.closed_loop.between_samples import IN_WORDS, Loop, Sampling
 from tridentify.estimation.closed_loop.driven import Driven, driven
 from tridentify.estimation.closed_loop.known_controller import (
@@ -93,6 +94,10 @@ from tridentify.transfer_function import TransferFunction
 WORSE = 0.05
 """Share by which a better known driven input may raise the mean square of what is left: it takes
 nothing that is noise, and what it takes of the response shows at once."""
+FARTHER = 1.5
+"""Mean square of what a root leaves over that of the open-loop fit, or of another root, from which
+there may be a better one. The open-loop fit is the least of all; what feedback adds to a root is a
+few per cent, and one that misses a start of the loop leaves fifty times as much."""
 BETWEEN = "the loop is fast for its samples: what lies between them makes errors up to"
 NOTABLE, HANGS = 1.2, 3.0
 """Times that errors grow for that, from which it is told, and from which the answer hangs on it."""
@@ -144,8 +149,11 @@ def reference_estimate(
     exactly = rule is not None and rule.exact
     taken = assumed(controller, asked.records, asked.structure)
     kind = "sampled" if exactly else taken.sampling
+    together = together_findings(asked.records)
+    if known is None:
+        asked = replace(asked, records=tuple(with_start(list(asked.records))))
     parts = [driven(record, between=kind == "continuous") for record in asked.records]
-    loop = (*together_findings(asked.records), *driving_findings(parts))
+    loop = (*together, *driving_findings(parts))
     if not loop and not only_stable and (coloured is not None or not robust):
         unstable = unstable_estimate(parts, kind, asked, coloured is not None, say)
         if unstable is not None and not taken.certain:
@@ -250,9 +258,32 @@ def _white(
     """
     loops = [Loop(part, sampling) for part in parts]
     first = plain.estimate([one.instrument for one in loops], structure)
-    best = root(loops, structure, first, near, say)
+    best = _nearer(root(loops, structure, first, near, say), structure, near, say)
     # between the samples the driven input itself counts, and not its shape alone
     return _renewed(best, structure, near, say) if sampling != "sampled" and again else best
+
+
+def _nearer(
+    best: Rooted,
+    structure: Structure,
+    near: Callable[[TransferFunction], Method],
+    say: Callable[[str], None],
+) -> Rooted:
+    """The root from the open-loop fit, where that leaves clearly less of the output.
+
+    Where most of what moved is no reference's doing, a start or a disturbance, the passes may end
+    at a root that explains hardly any of it.
+    """
+    try:
+        open_loop = near(best.estimate.model).estimate([one.record for one in best.loops], structure)
+        least = _mean_square(residuals(best.loops, open_loop))
+        if _mean_square(residuals(best.loops, best.estimate)) < FARTHER * least:
+            return best
+        other = root(best.loops, structure, open_loop, near, say)
+    except TridentifyError:
+        return best
+    before, after = (_mean_square(residuals(one.loops, one.estimate)) for one in (best, other))
+    return other if FARTHER * after < before else best
 
 
 def _renewed(
