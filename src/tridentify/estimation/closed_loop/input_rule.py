@@ -52,9 +52,9 @@ SHARPER = 3.0
 """Times what more lags leave, that is left of a rule which is not the whole: rounding is reduced by
 less, and what a part of a rule leaves by a hundred and more (random loops)."""
 NEARLY = 0.1
-"""The same beyond what the input moves beyond its own past and the references, up to which a rule
-holds but for noise between the samples: PI leave 0.005 to 0.04, fast ones with derivative action up
-to 0.3; sampled ones with another sensor, an inner loop or a bend 0.1 to 0.8 (46 random loops)."""
+"""What a rule leaves over what the input moves beyond its own past and the references, up to which
+it holds but for noise between the samples: continuous PI leave 0.006 to 0.04, lead 0.1 to 0.3;
+sampled ones that read another sensor 0.1 and more (28 random loops)."""
 FLOATS = 1e-11
 """Share of the moving input below which what is left is the rounding of the sums."""
 COARSE = 3e-3
@@ -191,7 +191,7 @@ def _rule(record: Record, j: int, few: int) -> InputRule:
         if steady.sum() < FEWEST_EACH * width:
             return seen
         again = _holds(table[steady], u[some, j][steady], steps, own[j], size, beyond)
-        return again if again[1] < seen[1] else seen
+        return again if again[0] else seen
 
     static, _ = holds(0)
     if static is not False:

@@ -275,7 +275,9 @@ def _nearer(
     at a root that explains hardly any of it.
     """
     try:
-        open_loop = near(best.estimate.model).estimate([one.record for one in best.loops], structure)
+        open_loop = near(best.estimate.model).estimate(
+            [one.record for one in best.loops], structure
+        )
         least = _mean_square(residuals(best.loops, open_loop))
         if _mean_square(residuals(best.loops, best.estimate)) < FARTHER * least:
             return best
