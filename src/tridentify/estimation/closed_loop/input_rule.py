@@ -19,9 +19,17 @@ continuous controller too, but with the states of the plant among those of the r
 lags than the plant has poles. Fewer lags are a sampled controller's, if they are the whole rule: of
 fast samples they leave a millionth of the input where more leave nothing.
 
+A third is not either: a controller that reads more than is recorded (another sensor, an inner
+loop), or is not linear, leaves no rule (1) whether it was sampled or not. What a continuous one
+makes of noise between the samples mostly is a small part of what it makes of the samples; where
+more is left, no rule says nothing (`UNSEEN`).
+
 Coefficients are those of least absolute errors (least squares with weights ``1 / |error|``, again
 and again; Schlossmacher 1973, J. American Statistical Association 68, 857-859), which pass through
-the majority of the samples where a majority is exact, whatever the others are.
+the majority of the samples where a majority is exact, whatever the others are. A set point that is
+not recorded and changes at times leaves a majority too, of a rule with one lag more; but that makes
+more of noise, and the least errors are those of another, with errors at the changes. Without these,
+and as many samples behind each as there are lags, the rule is exact.
 """
 
 from __future__ import annotations
@@ -43,6 +51,10 @@ recorded: continuous controllers leave 3e-4 to 0.1 (random loops)."""
 SHARPER = 3.0
 """Times what more lags leave, that is left of a rule which is not the whole: rounding is reduced by
 less, and what a part of a rule leaves by a hundred and more (random loops)."""
+NEARLY = 0.1
+"""What a rule leaves over what the input moves beyond its own past and the references, up to which
+it holds but for noise between the samples: continuous PI leave 0.006 to 0.04, lead 0.1 to 0.3;
+sampled ones that read another sensor 0.1 and more (28 random loops)."""
 FLOATS = 1e-11
 """Share of the moving input below which what is left is the rounding of the sums."""
 COARSE = 3e-3
@@ -67,6 +79,9 @@ FEWEST_EACH, MOST_EACH = 5, 40
 """Samples for each coefficient, at least and at most: more say nothing new of a rule."""
 TURNS = 15
 """Of the weights: a majority that is exact shows in ten."""
+CHANGES, ROUNDS = 6.0, 4
+"""Times the usual error from which a set point may have changed, and how often they are left out:
+two rounds find all."""
 FEWEST_VALUES = 16
 """Different values from which a signal may be rounded; one with fewer was set to them."""
 MOST_DIGITS = 12
@@ -80,6 +95,7 @@ class InputRule(Enum):
     HELD = "the input stays as it is for several samples, at regular intervals"
     STATIC = "the input follows from the sample at the same time"
     NONE = "the input does not follow from the recorded samples"
+    UNSEEN = "what made the input is not linear, or not recorded whole"
     UNKNOWN = "the records do not tell whether the input follows from their samples"
 
 
@@ -106,15 +122,19 @@ def input_rule(records: Sequence[Record], poles: int) -> InputRule:
     >>> u = np.cumsum(r - y)
     >>> input_rule([Record(u, y, dt=0.1, reference=r)], 2).name
     'SAMPLED'
-    >>> moved = u + 0.1 * rng.standard_normal(200)
+    >>> moved = u + 0.01 * rng.standard_normal(200)
     >>> input_rule([Record(moved, y, dt=0.1, reference=r)], 2).name
     'NONE'
+    >>> input_rule([Record(u + rng.standard_normal(200), y, dt=0.1, reference=r)], 2).name
+    'UNSEEN'
     """
     if all(one.dt is not None and all(map(is_held, np.asarray(one.u).T)) for one in records):
         return InputRule.HELD
     found = {_rule(one, j, min(poles, LAGS)) for one in records for j in range(one.n_inputs)}
     if found == {InputRule.SAMPLED, InputRule.STATIC}:
         return InputRule.SAMPLED
+    if found == {InputRule.NONE, InputRule.UNSEEN}:
+        return InputRule.UNSEEN
     return found.pop() if len(found) == 1 else InputRule.UNKNOWN
 
 
@@ -164,7 +184,14 @@ def _rule(record: Record, j: int, few: int) -> InputRule:
             [_lagged(signals, some, range(lags + 1)), _lagged(u, some, range(1, lags + 1))]
         )
         steps = np.concatenate([np.repeat(outer, lags + 1), np.repeat(own, lags)])
-        return _holds(table, u[some, j], steps, own[j], size, beyond)
+        seen = _holds(table, u[some, j], steps, own[j], size, beyond)
+        if seen[0] is not False:
+            return seen
+        steady = _without_changes(table, u[some, j], some, lags)
+        if steady.sum() < FEWEST_EACH * width:
+            return seen
+        again = _holds(table[steady], u[some, j][steady], steps, own[j], size, beyond)
+        return again if again[0] else seen
 
     static, _ = holds(0)
     if static is not False:
@@ -173,7 +200,25 @@ def _rule(record: Record, j: int, few: int) -> InputRule:
     longer, least = holds(LAGS)
     if shorter and left <= SHARPER * least:
         return InputRule.SAMPLED
-    return InputRule.NONE if not shorter and longer is False else InputRule.UNKNOWN
+    if shorter or longer is not False:
+        return InputRule.UNKNOWN
+    return InputRule.NONE if least < NEARLY * beyond else InputRule.UNSEEN
+
+
+def _without_changes(columns: Array, target: Array, some: Indices, lags: int) -> Array:
+    """(n,) whether neither a sample nor one of those before it is off by far more than usual."""
+    whole = np.hstack([np.ones((len(target), 1)), columns])
+    whole = whole / (np.linalg.norm(whole, axis=0) + 1e-300)
+    steady = np.ones(len(target), dtype=bool)
+    for _ in range(ROUNDS):
+        solved = np.linalg.lstsq(whole[steady], target[steady], rcond=1e-13)[0]
+        left = np.abs(target - whole @ solved)
+        off = some[left > CHANGES * np.median(left)]
+        near = np.unique(off[:, None] + np.arange(lags + 1))
+        steady = ~np.isin(some, near)
+        if not steady.any():
+            break
+    return steady
 
 
 def _beyond_its_past(u: Array, reference: Array, some: Indices, j: int, lags: int) -> float:

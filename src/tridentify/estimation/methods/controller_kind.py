@@ -7,8 +7,10 @@ has no part that follows the reference, whatever the noise does between the samp
 of all of the residual would not do, as the noise is most of it, and the wrong kind may well explain
 that better. Where neither tells, the kind is taken as the input is stated to behave, or as
 continuous where no rule of the samples makes it, and what the other would make of the coefficients
-is said. Where not even the rule is missing, neither is likelier than the other: half the square of
-their distance joins the covariance, as the mean square of what is off.
+is said. Where not even the rule is missing, or where it is because the controller is not linear or
+reads what is not recorded, neither is likelier than the other: half the square of their distance
+joins the covariance, as the mean square of what is off, unless only one of them leaves nothing that
+follows the reference.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.closed_loop.between_samples import IN_WORDS, Loop, Sampling
 from tridentify.estimation.closed_loop.driven import COARSE, Driven, driven, widest
 from tridentify.estimation.closed_loop.input_rule import InputRule, input_rule
+from tridentify.estimation.likelihood.thresholds import CLEARLY
 from tridentify.estimation.methods.passes import Rooted, residuals
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import fit_autoregression, whiten
@@ -81,11 +84,14 @@ class Assumed:
         Whether it was stated, or is seen in the input itself.
     why : str
         What shows it, to be told behind the kind; empty where nothing does.
+    even : bool
+        Whether the other kind is as likely for all that is known.
     """
 
     sampling: Sampling
     certain: bool
     why: str = ""
+    even: bool = False
 
 
 def assumed(controller: Controller, records: Sequence[Record], structure: Structure) -> Assumed:
@@ -105,8 +111,10 @@ def assumed(controller: Controller, records: Sequence[Record], structure: Struct
     if rule in (InputRule.SAMPLED, InputRule.HELD):
         return Assumed("sampled", True, f": {rule.value}")
     held = all(record.behaviour == "zoh" for record in records)
-    kind: Sampling = "sampled" if held and rule is not InputRule.NONE else "continuous"
-    return Assumed(kind, False, f": {rule.value}" if rule is InputRule.NONE else "")
+    unruled = rule in (InputRule.NONE, InputRule.UNSEEN)
+    kind: Sampling = "sampled" if held and not unruled else "continuous"
+    why = f": {rule.value}" if unruled else ""
+    return Assumed(kind, False, why, even=rule is not InputRule.NONE)
 
 
 def opposite(kind: Sampling) -> Sampling:
@@ -136,37 +144,56 @@ class Compared:
     moved: Array | None = None
 
 
-def compared(mine: Rooted, other: Rooted, why: str = "") -> Compared:
+def compared(mine: Rooted, other: Rooted, taken_for: Assumed) -> Compared:
     """What the record says of two kinds.
 
     Parameters
     ----------
     mine, other : Rooted
         The fit with the kind that was assumed, and with the other.
-    why : str
-        Why it was assumed (`Assumed.why`).
+    taken_for : Assumed
+        What was assumed.
     """
-    kind = other.loops[0].sampling
+    kind, even = other.loops[0].sampling, taken_for.even
     words, rival = IN_WORDS[mine.loops[0].sampling], IN_WORDS[kind]
     basis = _wider(mine, other)
-    own, beside = (
-        _followed(residuals(one.loops, one.estimate), basis).excess for one in (mine, other)
+    mine_left, other_left = (
+        _followed(residuals(one.loops, one.estimate), basis) for one in (mine, other)
     )
+    own, beside = mine_left.excess, other_left.excess
     plainly = PLAINLY * sum(int(np.isfinite(one.record.y).sum()) for one in mine.loops)
-    if other.still and (own - beside > plainly or not mine.still):
+    turns = own - beside > plainly or (even and _alone(other_left, mine_left, mine, other))
+    if other.still and (turns or not mine.still):
         against = (
             f"{own:.0f} variances of the noise, more than chance, follow the reference in the "
             f"residual, as {rival} {beside:.0f}"
         )
         against = against if mine.still else "the passes do not end"
         return Compared(True, f"controller taken as {rival}: as {words}, {against}")
-    taken = f"controller taken as {words}{why}"
-    if not other.still or beside - own > plainly:
+    taken = f"controller taken as {words}{taken_for.why}"
+    stays = beside - own > plainly or (even and _alone(mine_left, other_left, other, mine))
+    if not other.still or stays:
         return Compared(False, f"{taken}; the record speaks against a {kind} one")
-    even = not why
-    told, finding = _left_open(mine.estimate, other.estimate, rival, taken, even)
+    told, finding = left_open(mine.estimate, other.estimate, rival, taken, even)
     away = (other.estimate.theta - mine.estimate.theta) / np.sqrt(2.0)
     return Compared(False, f"{taken}; {told}", finding, away if finding and even else None)
+
+
+def _alone(right: _Following, wrong: _Following, refuted: Rooted, kept: Rooted) -> bool:
+    """Whether one kind leaves nothing that follows the reference, and the other plainly does.
+
+    A continuous controller in a fast loop leaves something of what is not known between the
+    samples, which does not speak against it.
+    """
+    fast = any(
+        one.driven.rate * float(np.median(np.diff(one.record.t))) > COARSE
+        for end in (refuted, kept)
+        for one in end.loops
+    )
+    if refuted.loops[0].sampling == "continuous" and fast:
+        return False
+    clearly = wrong.size - right.size > 2.0 * CLEARLY
+    return clearly and right.is_chance and not wrong.is_chance
 
 
 class _Following(NamedTuple):
@@ -248,7 +275,7 @@ def _followed(
     return _Following(size, freedom)
 
 
-def _left_open(
+def left_open(
     mine: Estimate, other: Estimate, rival: str, taken: str, even: bool
 ) -> tuple[str, tuple[Finding, ...]]:
     """What is said where the record does not tell the kind: the more, the more hangs on it.

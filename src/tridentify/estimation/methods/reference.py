@@ -51,6 +51,7 @@ from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Status
 from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.answer.loop_taken import LoopTaken
+from tridentify.estimation.closed_loop.begun import with_start
 from tridentify.estimation.closed_loop.between_samples import IN_WORDS, Loop, Sampling
 from tridentify.estimation.closed_loop.driven import Driven, driven
 from tridentify.estimation.closed_loop.known_controller import (
@@ -66,6 +67,7 @@ from tridentify.estimation.likelihood.noise_model import STILL as NOISE_STILL
 from tridentify.estimation.methods.along_axis import with_fall
 from tridentify.estimation.methods.base import Method
 from tridentify.estimation.methods.controller_kind import (
+    Assumed,
     Controller,
     assumed,
     coarse_findings,
@@ -74,6 +76,7 @@ from tridentify.estimation.methods.controller_kind import (
     following_findings,
     opposite,
 )
+from tridentify.estimation.methods.either_kind import of_either_kind
 from tridentify.estimation.methods.given_controller import by_likelihood, how_it_worked, rule_of
 from tridentify.estimation.methods.passes import (
     PATIENCE,
@@ -91,6 +94,10 @@ from tridentify.transfer_function import TransferFunction
 WORSE = 0.05
 """Share by which a better known driven input may raise the mean square of what is left: it takes
 nothing that is noise, and what it takes of the response shows at once."""
+FARTHER = 1.5
+"""Mean square of what a root leaves over that of the open-loop fit, or of another root, from which
+there may be a better one. The open-loop fit is the least of all; what feedback adds to a root is a
+few per cent, and one that misses a start of the loop leaves fifty times as much."""
 BETWEEN = "the loop is fast for its samples: what lies between them makes errors up to"
 NOTABLE, HANGS = 1.2, 3.0
 """Times that errors grow for that, from which it is told, and from which the answer hangs on it."""
@@ -142,10 +149,15 @@ def reference_estimate(
     exactly = rule is not None and rule.exact
     taken = assumed(controller, asked.records, asked.structure)
     kind = "sampled" if exactly else taken.sampling
+    together = together_findings(asked.records)
+    if known is None:
+        asked = replace(asked, records=tuple(with_start(list(asked.records))))
     parts = [driven(record, between=kind == "continuous") for record in asked.records]
-    loop = (*together_findings(asked.records), *driving_findings(parts))
+    loop = (*together, *driving_findings(parts))
     if not loop and not only_stable and (coloured is not None or not robust):
         unstable = unstable_estimate(parts, kind, asked, coloured is not None, say)
+        if unstable is not None and not taken.certain:
+            unstable = of_either_kind(unstable, taken, asked, coloured is not None, say)
         if unstable is not None:
             again = partial(reference_estimate, asked, controller, plain, near, coloured, say)
             return _or_stable(unstable, partial(again, robust=robust, only_stable=True))
@@ -160,7 +172,7 @@ def reference_estimate(
             taken = assumed("unknown", asked.records, asked.structure)
             told = f"controller taken as {IN_WORDS[taken.sampling]}{taken.why}"
     if not taken.certain:
-        found, told, findings, moved = _either(found, taken.why, asked.structure, near, say)
+        found, told, findings, moved = _either(found, taken, asked.structure, near, say)
     findings = (*following_findings(found), *findings)
     if coloured is not None:
         found = _with_noise_model(found, asked.structure, coloured, say)
@@ -214,7 +226,7 @@ def _reaching(found: Rooted, moves: Sequence[Array]) -> tuple[Rooted, float]:
 
 def _either(
     found: Rooted,
-    why: str,
+    taken_for: Assumed,
     structure: Structure,
     near: Callable[[TransferFunction], Method],
     say: Callable[[str], None],
@@ -225,8 +237,8 @@ def _either(
     except TridentifyError as refused:
         kind = found.loops[0].sampling
         without = f"as {IN_WORDS[opposite(kind)]}, no estimate: {refused}"
-        return found, f"controller taken as {IN_WORDS[kind]}{why}; {without}", (), None
-    seen = compared(found, other, why)
+        return found, f"controller taken as {IN_WORDS[kind]}{taken_for.why}; {without}", (), None
+    seen = compared(found, other, taken_for)
     return other if seen.turned else found, seen.told, seen.findings, seen.moved
 
 
@@ -246,9 +258,34 @@ def _white(
     """
     loops = [Loop(part, sampling) for part in parts]
     first = plain.estimate([one.instrument for one in loops], structure)
-    best = root(loops, structure, first, near, say)
+    best = _nearer(root(loops, structure, first, near, say), structure, near, say)
     # between the samples the driven input itself counts, and not its shape alone
     return _renewed(best, structure, near, say) if sampling != "sampled" and again else best
+
+
+def _nearer(
+    best: Rooted,
+    structure: Structure,
+    near: Callable[[TransferFunction], Method],
+    say: Callable[[str], None],
+) -> Rooted:
+    """The root from the open-loop fit, where that leaves clearly less of the output.
+
+    Where most of what moved is no reference's doing, a start or a disturbance, the passes may end
+    at a root that explains hardly any of it.
+    """
+    try:
+        open_loop = near(best.estimate.model).estimate(
+            [one.record for one in best.loops], structure
+        )
+        least = _mean_square(residuals(best.loops, open_loop))
+        if _mean_square(residuals(best.loops, best.estimate)) < FARTHER * least:
+            return best
+        other = root(best.loops, structure, open_loop, near, say)
+    except TridentifyError:
+        return best
+    before, after = (_mean_square(residuals(one.loops, one.estimate)) for one in (best, other))
+    return other if FARTHER * after < before else best
 
 
 def _renewed(
