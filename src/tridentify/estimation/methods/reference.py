@@ -150,10 +150,11 @@ def reference_estimate(
     taken = assumed(controller, asked.records, asked.structure)
     kind = "sampled" if exactly else taken.sampling
     together = together_findings(asked.records)
-    if known is None:
-        asked = replace(asked, records=tuple(with_start(list(asked.records))))
     parts = [driven(record, between=kind == "continuous") for record in asked.records]
     loop = (*together, *driving_findings(parts))
+    if known is None and (begun := with_start(list(asked.records))) != list(asked.records):
+        asked = replace(asked, records=tuple(begun))
+        parts = [driven(record, between=kind == "continuous") for record in begun]
     if not loop and not only_stable and (coloured is not None or not robust):
         unstable = unstable_estimate(parts, kind, asked, coloured is not None, say)
         if unstable is not None and not taken.certain:
