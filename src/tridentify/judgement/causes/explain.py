@@ -11,9 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from tridentify.errors import TridentifyError
 from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
-from tridentify.judgement.causes.attempt import ROUNDING, ROUNDS, Attempt, attempt, promise
+from tridentify.judgement.causes.attempt import Attempt, promise
 from tridentify.judgement.causes.backlash import backlash_rivals
 from tridentify.judgement.causes.both import both_rivals
 from tridentify.judgement.causes.both_ways_filtered import both_ways_rivals
@@ -27,6 +26,7 @@ from tridentify.judgement.causes.explanation import (
     Explanations,
 )
 from tridentify.judgement.causes.feedback import reacts
+from tridentify.judgement.causes.fitted import attempted, explanation_of, fitted, from_end
 from tridentify.judgement.causes.gains import gain_rivals
 from tridentify.judgement.causes.input_floor import floor_rivals
 from tridentify.judgement.causes.intersample import (
@@ -54,7 +54,6 @@ from tridentify.judgement.causes.slow import slow_rivals
 from tridentify.judgement.causes.timing import early_rivals, wandering_rivals
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import fit_autoregression
-from tridentify.numerics.information import aicc_price
 from tridentify.numerics.interpolation import FEWEST
 from tridentify.record.record import Record
 
@@ -102,21 +101,21 @@ def explain(
     """
     if known is not None and known.asked is not None and known.asked.is_same(present) and not torn:
         found = [one for one in known.found if one.rival.code != "lost-rows"]
-        return _ranked(found, _from(present, known.present), known.present, present)
+        return _ranked(found, from_end(present, known.present), known.present, present)
     base = settle(present)
     if base is None:
         return None
-    settled = _from(present, base)
-    found = [] if only or "lost-rows" in skip else _fitted(lost_rivals(settled, torn), base)
+    settled = from_end(present, base)
+    found = [] if only or "lost-rows" in skip else fitted(lost_rivals(settled, torn), base)
     if torn and not any(one.is_clear for one in found):
         return Explanations(base, tuple(found), (None,) * base.point.problem.n_outputs)
     pairs = zip(base.point.problem.experiments, base.point.residuals(), strict=True)
-    fitted = [experiment.y - residual for experiment, residual in pairs]
-    for code, rivals in _rivals(settled, fitted, only, "delay" in skip).items():
+    response = [experiment.y - residual for experiment, residual in pairs]
+    for code, rivals in _rivals(settled, response, only, "delay" in skip).items():
         tried = [rival for rival in rivals if rival.exact] if code in skip else rivals
-        found += _fitted(tried, base)
+        found += fitted(tried, base)
     if only in ("", "nonlinear"):
-        found += _fitted(backlash_rivals(settled, fitted), base)
+        found += fitted(backlash_rivals(settled, response), base)
     found += _sharper(found, settled, base)
     found += [] if only else _together(found, settled, base)
     found += _late_again(found, settled, base)
@@ -127,7 +126,7 @@ def explain(
     late = _late_in_colour(found, present, base)
     if late is not None:
         base, found = late
-        settled = _from(present, base)
+        settled = from_end(present, base)
     return _ranked(found, settled, base, None if skip else present)
 
 
@@ -138,7 +137,7 @@ def _ranked(
     result = Explanations(base, tuple(sorted(found, key=lambda one: -one.gain)), asked=asked)
     named = result.named
     if named is not None and named.rival.code == "delay" and not named.rival.exact:
-        more = _fitted(neighbours(settled, named.rival), base)
+        more = fitted(neighbours(settled, named.rival), base)
         every = sorted([*result.found, *more], key=lambda one: -one.gain)
         result = replace(result, found=tuple(every))
     others = replace(result, found=tuple(one for one in result.found if not one.rival.calms))
@@ -157,8 +156,8 @@ def sharpened(present: Present, explained: Explanations) -> Explanation:
         Of it, by a delay alone.
     """
     first = explained.found[0]
-    settled = _from(present, explained.present)
-    beside = _fitted(neighbours(settled, first.rival), explained.present)
+    settled = from_end(present, explained.present)
+    beside = fitted(neighbours(settled, first.rival), explained.present)
     return max([first, *beside], key=lambda one: one.gain)
 
 
@@ -174,18 +173,12 @@ def _with_inputs(
     return tuple(found)
 
 
-def _fitted(rivals: Iterable[Rival], base: Attempt) -> list[Explanation]:
-    """Those that can be fitted."""
-    pairs = ((rival, _attempted(rival)) for rival in rivals)
-    return [_explanation(rival, ends, base) for rival, ends in pairs if ends is not None]
-
-
 def settle(present: Present) -> Attempt | None:
     """Where the present explanation ends on these records; None where it cannot be fitted."""
-    plain = _attempted(one("", replace(present, noise=()), "", ""))
+    plain = attempted(one("", replace(present, noise=()), "", ""))
     if plain is None:
         return None
-    here = _attempted(one("", present, "", "")) if present.has_noise else plain
+    here = attempted(one("", present, "", "")) if present.has_noise else plain
     if here is None or np.any(here[0].fits < plain[0].fits - LOST):
         # a noise model that takes the system for noise compares nothing
         here = plain
@@ -202,12 +195,12 @@ def _sharper(found: Sequence[Explanation], present: Present, base: Attempt) -> l
         best = max([*own, *better], key=lambda one: one.gain)
         (end,) = best.attempts
         pairs = zip(end.point.problem.experiments, end.point.residuals(), strict=True)
-        fitted = [experiment.y - residual for experiment, residual in pairs]
-        again = [r for r in nonlinear_rivals(present, fitted) if r.what == best.rival.what]
-        ends = _attempted(again[0]) if again else None
+        response = [experiment.y - residual for experiment, residual in pairs]
+        again = [r for r in nonlinear_rivals(present, response) if r.what == best.rival.what]
+        ends = attempted(again[0]) if again else None
         if ends is None:
             break
-        better.append(_explanation(again[0], ends, base))
+        better.append(explanation_of(again[0], ends, base))
         if better[-1].gain < best.gain + CLEARLY:
             break
     return better
@@ -227,7 +220,7 @@ def _together(found: Sequence[Explanation], present: Present, base: Attempt) -> 
         for one in found
         if one.rival.code == "intersample" and one.rival.parts[0].records[0].n_inputs == n
     )
-    both = _fitted(both_rivals(present, behaviours), base)
+    both = fitted(both_rivals(present, behaviours), base)
     best = [
         max(
             (one for one in several if one.rival.code == code),
@@ -246,7 +239,7 @@ def _finer(one: Explanation, present: Present, base: Attempt) -> list[Explanatio
 
     Where there is little noise, a tenth of a sample outweighs what the input does in between.
     """
-    near = [_fitted([shifted(present, one.rival, by)], base) for by in (-FINEST, FINEST)]
+    near = [fitted([shifted(present, one.rival, by)], base) for by in (-FINEST, FINEST)]
     if not all(near):
         return []
     (before,), (after,) = near
@@ -254,7 +247,7 @@ def _finer(one: Explanation, present: Present, base: Attempt) -> list[Explanatio
     if bend < 0.0:
         top = 0.5 * FINEST * (before.gain - after.gain) / bend
         top = float(np.clip(top, -2.0 * FINEST, 2.0 * FINEST))
-        found += _fitted([shifted(present, one.rival, top)], base)
+        found += fitted([shifted(present, one.rival, top)], base)
     return [other for other in found if other.gain > one.gain + CLEARLY]
 
 
@@ -267,7 +260,7 @@ def _late_again(found: Sequence[Explanation], present: Present, base: Attempt) -
     first = max(late, key=lambda one: one.gain).rival
     (end,) = max(wandering, key=lambda one: one.gain).attempts
     every = (first, *neighbours(present, first))
-    return _fitted((replace(one, starts=((end.point.poles,),)) for one in every), base)
+    return fitted((replace(one, starts=((end.point.poles,),)) for one in every), base)
 
 
 def _lines_again(
@@ -284,7 +277,7 @@ def _lines_again(
         return []
     (end,) = best.attempts
     rivals = (replace(one, starts=((end.point.poles,),)) for one in drift_rivals(present))
-    return _fitted(rivals, base)
+    return fitted(rivals, base)
 
 
 def _late_in_colour(
@@ -301,7 +294,7 @@ def _late_in_colour(
         return None
     late = [one for one in found if one.rival.code == "delay" and one.rival.refits]
     late = [one for one in late if one.is_clear and not one.rival.exact]
-    here = _attempted(one("", present, "", "")) if late else None
+    here = attempted(one("", present, "", "")) if late else None
     if here is None:
         return None
     others: dict[str, Explanation] = {}
@@ -312,9 +305,9 @@ def _late_in_colour(
     own = _in_colour(first, present.orders, here[0])
     if own is None or not own.is_clear:
         return None
-    settled = _from(present, here[0])
+    settled = from_end(present, here[0])
     near = [replace(one, starts=own.rival.starts) for one in neighbours(settled, own.rival)]
-    own = max([own, *_fitted(near, here[0])], key=lambda one: one.gain)
+    own = max([own, *fitted(near, here[0])], key=lambda one: one.gain)
     own = max([own, *_finer(own, settled, here[0])], key=lambda one: one.gain)
     rest = [_in_colour(one, present.orders, here[0]) for one in others.values()]
     kept = [one for one in rest if one is not None]
@@ -338,8 +331,8 @@ def _in_colour(found: Explanation, orders: Sequence[int], base: Attempt) -> Expl
         parts=tuple(replace(part, noise=noise) for part in found.rival.parts),
         starts=tuple((end.point.poles,) for end in found.attempts),
     )
-    ends = _attempted(rival)
-    return None if ends is None else _explanation(rival, ends, base)
+    ends = attempted(rival)
+    return None if ends is None else explanation_of(rival, ends, base)
 
 
 def _odd_ones(found: Sequence[Explanation], present: Present, base: Attempt) -> list[Explanation]:
@@ -355,7 +348,7 @@ def _odd_ones(found: Sequence[Explanation], present: Present, base: Attempt) -> 
     (every,) = own
     whole, others, e = every, every.attempts[0], 1
     if several > 2:
-        apart = _fitted(apart_rivals(present, every.attempts), base)
+        apart = fitted(apart_rivals(present, every.attempts), base)
         apart.sort(key=lambda one: -one.gain)
         # two that differ alike, or all of them
         next_best = max((one.gain for one in apart[1:]), default=-np.inf)
@@ -365,15 +358,10 @@ def _odd_ones(found: Sequence[Explanation], present: Present, base: Attempt) -> 
         others, number = whole.attempts[0], whole.rival.experiment
         assert number is not None
         e = number
-    single = _fitted(single_rivals(present, e, others), base)
+    single = fitted(single_rivals(present, e, others), base)
     least = min(AS_MUCH * whole.gain, whole.gain - CLEARLY)
     kept = [one for one in single if one.is_clear and one.gain > least]
     return [*([whole] if several > 2 else []), *kept]
-
-
-def _from(present: Present, base: Attempt) -> Present:
-    """From where the present explanation ended."""
-    return replace(present, poles=base.point.poles, noise=base.point.problem.noise)
 
 
 def _rivals(
@@ -444,60 +432,6 @@ def _intersample_rivals(present: Present) -> list[Rival]:
             )
         )
     return found
-
-
-def _attempted(rival: Rival) -> tuple[Attempt, ...] | None:
-    found = []
-    # parts are compared under the noise model that they share
-    rounds = ROUNDS if len(rival.parts) == 1 else 0
-    for part, starts in zip(rival.parts, rival.starts, strict=True):
-        try:
-            end = attempt(part.problem(), starts, part.orders, rounds=rounds)
-        except TridentifyError:
-            return None
-        if end is None:
-            return None
-        found.append(end if rival.behind is None else rival.behind(end))
-    return tuple(found)
-
-
-def _explanation(rival: Rival, ends: tuple[Attempt, ...], base: Attempt) -> Explanation:
-    """Compare on the samples that the rival explains: a longer delay leaves some out."""
-    masks = [np.isfinite(one) for end in ends for one in end.residuals()]
-    whole = [np.isfinite(one) for one in base.point.residuals()]
-    if len(ends) == 1 and len(masks) > len(whole):
-        # pieces of records
-        lengths = np.cumsum([one.shape[0] for one in whole])[:-1]
-        masks = np.split(np.concatenate(masks), lengths)
-    if rival.experiment is not None and len(ends) > 1:
-        masks.insert(rival.experiment, masks.pop())
-    split = len(masks) != len(whole)
-    same = split or all(np.array_equal(a, b) for a, b in zip(masks, whole, strict=True))
-    before = base.deviance if same else base.on(masks).deviance
-    if len(ends) > 1:
-        # one variance for all parts: noise that changes its size is no change of the system
-        deviance, before = _joint(ends), _joint((base,))
-    else:
-        deviance = ends[0].deviance
-    count = sum(end.count for end in ends)
-    unknowns = sum(end.unknowns for end in ends)
-    if len(ends) > 1:
-        unknowns -= (len(ends) - 1) * sum(a.size for a in base.point.problem.noise)
-    gain = before - deviance + aicc_price(float(base.unknowns), count)
-    gain -= aicc_price(float(unknowns), count)
-    gain -= rival.price
-    energy = base.energy if same else base.on(masks).energy
-    left = sum(end.energy for end in ends)
-    share = 1.0 - left / energy if energy > 0 else 0.0
-    return Explanation(rival, ends, gain, share, unknowns)
-
-
-def _joint(ends: Sequence[Attempt]) -> float:
-    """``-2 log L`` of several parts whose noise has one variance an output."""
-    counts = np.sum([end.point.counts for end in ends], axis=0)
-    rss = np.sum([end.point.rss for end in ends], axis=0)
-    size = ends[0].point.problem.size
-    return float(counts @ np.log(rss / counts + ROUNDING * size))
 
 
 def moved(
