@@ -10,7 +10,14 @@ from typing import Literal
 import numpy as np
 
 from tridentify.errors import OptionError, UnsupportedError, UnsupportedOrderError
-from tridentify.estimation.answer.trace import Status, Step, Trace
+from tridentify.estimation.answer.trace import (
+    FAR_LIKELIER,
+    RESPONSE_AS_NOISE,
+    SLOW_AS_NOISE,
+    Status,
+    Step,
+    Trace,
+)
 from tridentify.estimation.likelihood.answer import Ending, Spread
 from tridentify.estimation.likelihood.cost import Point, evaluate
 from tridentify.estimation.likelihood.curvature import output_rss
@@ -52,6 +59,7 @@ SLOW = (
     "the likelihood's maximum: the record sees a pole that is slower than one over its length, "
     "which the posterior's prior leaves out"
 )
+ELSEWHERE = "models far likelier than the end of the search lie elsewhere, and the mean with them"
 NOT_ROBUST = "the maximum of the robust likelihood: the posterior mean is for squared loss"
 LOST = 0.5
 """Standard error over natural size above which a maximum is not kept for that reason."""
@@ -131,6 +139,8 @@ def weigh(
             return best.told(BETWEEN)
         likely = evaluate(problem, found.nearest(problem))
         point = likely if likely.objective < point.objective - RIVAL else point
+    if point.objective < best.point.objective - RIVAL:
+        best = _left_behind(best, best.point.objective - point.objective)
     scattered = best if scatter is None else best.told(scatter.in_words())
     return replace(
         scattered,
@@ -139,6 +149,17 @@ def weigh(
         trace=_continued(scattered.trace, point, found, _in_words(finish, vague, sound, best)),
         spread=_spread(point, found, scatter),
     )
+
+
+def _left_behind(best: Ending, fall: float) -> Ending:
+    """The way to a maximum that the mean is far from, and likelier than: what was told of it.
+
+    Words that compare that end with others, or its fit, would be read as of the mean.
+    """
+    about = (FAR_LIKELIER, RESPONSE_AS_NOISE, SLOW_AS_NOISE)
+    kept = tuple(told for told in best.trace.decisions if not told.startswith(about))
+    way = replace(best.trace, decisions=kept)
+    return replace(best, trace=way.told(f"{ELSEWHERE} (-2 log L lower by {fall:.0f})"))
 
 
 def _told_apart(best: Ending) -> Array | None:

@@ -109,7 +109,7 @@ def judged(
     seen = _beside_causes([*seen, *with_stuck_tried(hung, estimate, records, known)], tested)
     if all(not np.any(np.ptp(record.u, axis=0)) for record in records):
         tested, found = _of_constant_inputs(tested, found)
-    explained = any(one.code in EXPLAIN and one.matters for one in tested)
+    explained = any(one.code in EXPLAIN and one.matters and one.remedy for one in tested)
     if not explained:  # what rings on because a response is missing is no tone from outside
         found += tone_findings(estimate, records, known)
     first = [] if explained else far_likelier(estimate)
@@ -142,7 +142,8 @@ def _beside_better(found: Sequence[Finding], tested: Sequence[Finding]) -> list[
 
 
 EXPLAIN = ("intersample", "delay", "feedback", "saturation", "order-low")
-"""Causes which say why another model of the noise is likelier: it makes up for them."""
+"""Causes which say why another model of the noise is likelier: it makes up for them. Not where
+nothing is to be done about them: an order of which the record does not tell the coefficients."""
 
 
 BENDS = ("saturation", "nonlinear", "varying")
