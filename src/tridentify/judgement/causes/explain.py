@@ -43,6 +43,7 @@ from tridentify.judgement.causes.rivals import (
 )
 from tridentify.judgement.causes.saturation import saturation_rivals
 from tridentify.judgement.causes.slow import slow_rivals
+from tridentify.judgement.causes.slow_input import slow_input_rivals
 from tridentify.judgement.causes.timing import early_rivals, wandering_rivals
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.information import aicc_price
@@ -299,6 +300,7 @@ def _rivals(
     late = list(delay_rivals(present)) if asked else []
     makers: tuple[tuple[tuple[str, ...], Callable[[], Iterable[Rival]]], ...] = (
         (("intersample",), lambda: _intersample_rivals(present)),
+        (("intersample",), lambda: slow_input_rivals(present)),
         (("input-noise", "intersample"), lambda: pulse_rivals(present)),
         (("input-noise",), lambda: level_rivals(present)),
         (("channel-changes",), lambda: break_rivals(present, fitted)),
