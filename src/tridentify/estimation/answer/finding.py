@@ -69,6 +69,7 @@ KINDS: Mapping[str, str] = MappingProxyType(
         "friction": "of nonlinear: play or dry friction",
         "held": "of stuck-sensor: friction may hold what moves",
         "missing-code": "of stuck-sensor: a number that stands for a missing value",
+        "repeated": "of intersample: an input recorded slower than the outputs, and repeated",
         "alone": "of intersample: compared with the present behaviour, beside no other cause",
     }
 )

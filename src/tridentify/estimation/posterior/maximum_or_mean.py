@@ -140,7 +140,8 @@ def weigh(
         likely = evaluate(problem, found.nearest(problem))
         point = likely if likely.objective < point.objective - RIVAL else point
     if point.objective < best.point.objective - RIVAL:
-        best = _left_behind(best, best.point.objective - point.objective)
+        fall = best.point.objective - point.objective
+        best = replace(best, trace=left_behind(best.trace, fall))
     scattered = best if scatter is None else best.told(scatter.in_words())
     return replace(
         scattered,
@@ -151,15 +152,21 @@ def weigh(
     )
 
 
-def _left_behind(best: Ending, fall: float) -> Ending:
-    """The way to a maximum that the mean is far from, and likelier than: what was told of it.
+def left_behind(trace: Trace, fall: float) -> Trace:
+    """The way to a maximum from which the mean lies far, where the models are likelier.
 
-    Words that compare that end with others, or its fit, would be read as of the mean.
+    Words that compare that end with others, or that tell its fit, would be read as of the mean.
+
+    Parameters
+    ----------
+    trace : Trace
+    fall : float
+        Of ``-2 log L``, from the maximum to the mean.
     """
     about = (FAR_LIKELIER, RESPONSE_AS_NOISE, SLOW_AS_NOISE)
-    kept = tuple(told for told in best.trace.decisions if not told.startswith(about))
-    way = replace(best.trace, decisions=kept)
-    return replace(best, trace=way.told(f"{ELSEWHERE} (-2 log L lower by {fall:.0f})"))
+    kept = tuple(told for told in trace.decisions if not told.startswith(about))
+    way = replace(trace, decisions=kept)
+    return way.told(f"{ELSEWHERE} (-2 log L lower by {fall:.0f})")
 
 
 def _told_apart(best: Ending) -> Array | None:

@@ -157,7 +157,8 @@ def _beside_causes(seen: Sequence[Finding], tested: Sequence[Finding]) -> list[F
     samples beside the causes that they fit, so where they find such a cause and no bad samples, a
     robust loss would only keep what the cause bends.
     """
-    bent = {name for one in tested if one.code in BENDS and one.effect for name in one.outputs}
+    makes = [one for one in tested if one.code in BENDS or one.kind == "repeated"]
+    bent = {name for one in makes if one.effect for name in one.outputs}
     bad = [one for one in tested if one.code == "bad-samples" and one.matters]
     bent -= {name for one in bad for name in one.outputs}
     return [one for one in seen if one.code != "bad-samples" or not set(one.outputs) <= bent]
