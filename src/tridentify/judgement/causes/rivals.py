@@ -179,13 +179,19 @@ def nonlinear_rivals(present: Present, fitted: Sequence[Array]) -> Iterator[Riva
         what = f"dry friction against the movement of {name}"
         yield _friction(_rubbing(present, slopes), what, larger)
         what = f"damping that grows with the speed of {name}, as its square (drag, a valve)"
-        yield _of_motion(_dragging(present, slopes), what, smaller)
+        yield _of_motion(_dragging(present, slopes, 1), what, smaller)
         speeds = [_filled(f[:, i]) for f in fitted]
         if turns(np.concatenate(speeds)):
             what = f"dry friction against {name} itself, as of a speed"
             yield _friction(_rubbing(present, speeds), what, larger)
             what = f"damping that grows with {name} itself, as of a speed, as its square (drag)"
-            yield _of_motion(_dragging(present, speeds), what, smaller)
+            if present.order > 1:
+                what = (
+                    f"an odd non-linearity in the output {name}, as its square (a stiffness or, "
+                    "where it is a speed, drag)"
+                )
+            # as free as a stiffness, which it would pass for
+            yield _of_motion(_dragging(present, speeds, 0), what, smaller)
     den = np.asarray(np.poly(present.poles).real)
     for j, name in enumerate(records[0].input_names):
         for state in inner_states(den, float(present.delay[0, j]), records, j):
@@ -211,10 +217,10 @@ def _rubbing(present: Present, speeds: Sequence[Array]) -> Present:
     return present.with_inputs(extra, "friction", min(1, present.order - 1))
 
 
-def _dragging(present: Present, speeds: Sequence[Array]) -> Present:
+def _dragging(present: Present, speeds: Sequence[Array], zeros: int) -> Present:
     assert isinstance(present.order, int)
     extra = [np.asarray(np.abs(one) * one) for one in speeds]
-    return present.with_inputs(extra, "drag", min(1, present.order - 1))
+    return present.with_inputs(extra, "drag", min(zeros, present.order - 1))
 
 
 def _bent(signals: Sequence[Array], power: int) -> list[Array] | None:
