@@ -97,7 +97,7 @@ def test_moves_at_whole_multiples_are_seen_and_steps_of_a_converter():
     assert converter_steps(records) == pytest.approx([1.0 / 3.0, 0.0])
 
 
-def moving(seed, against, stiffness=9.0, drive=8.0, n=400, fine=8):
+def moving(seed, against, stiffness=9.0, drive=8.0, n=300, fine=8):
     """A mass on a spring that a force moves, its position in noise."""
     rng = np.random.default_rng(seed)
     u = drive * np.repeat(rng.uniform(-1.0, 1.0, n // 20), 20)
