@@ -73,6 +73,7 @@ KINDS: Mapping[str, str] = MappingProxyType(
         "opposite": "of disagreeing-experiments, another-system: a channel has the opposite sign",
         "gain": "of disagreeing-experiments, another-system: a channel has another gain",
         "late": "of disagreeing-experiments: an experiment is late, or early",
+        "repeated": "of intersample: an input recorded slower than the outputs, and repeated",
         "alone": "of intersample: compared with the present behaviour, beside no other cause",
     }
 )

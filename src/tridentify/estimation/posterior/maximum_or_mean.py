@@ -10,7 +10,14 @@ from typing import Literal
 import numpy as np
 
 from tridentify.errors import OptionError, UnsupportedError, UnsupportedOrderError
-from tridentify.estimation.answer.trace import Status, Step, Trace
+from tridentify.estimation.answer.trace import (
+    FAR_LIKELIER,
+    RESPONSE_AS_NOISE,
+    SLOW_AS_NOISE,
+    Status,
+    Step,
+    Trace,
+)
 from tridentify.estimation.likelihood.answer import Ending, Spread
 from tridentify.estimation.likelihood.cost import Point, evaluate
 from tridentify.estimation.likelihood.curvature import output_rss
@@ -52,6 +59,7 @@ SLOW = (
     "the likelihood's maximum: the record sees a pole that is slower than one over its length, "
     "which the posterior's prior leaves out"
 )
+ELSEWHERE = "models far likelier than the end of the search lie elsewhere, and the mean with them"
 NOT_ROBUST = "the maximum of the robust likelihood: the posterior mean is for squared loss"
 LOST = 0.5
 """Standard error over natural size above which a maximum is not kept for that reason."""
@@ -154,6 +162,9 @@ def mean(finish: FinishChoice, best: Ending, say: Callable[[str], None]) -> Endi
             return best.told(BETWEEN)
         likely = evaluate(problem, found.nearest(problem))
         point = likely if likely.objective < point.objective - RIVAL else point
+    if point.objective < best.point.objective - RIVAL:
+        fall = best.point.objective - point.objective
+        best = replace(best, trace=left_behind(best.trace, fall))
     scattered = best if scatter is None else best.told(scatter.in_words())
     return replace(
         scattered,
@@ -169,6 +180,23 @@ def _vagueness(best: Ending) -> tuple[Array | None, Vague | None]:
     cov = _told_apart(best)
     longest = max(e.duration for e in best.point.problem.experiments)
     return cov, None if cov is None else vaguest(best.point.poles, cov, longest)
+
+
+def left_behind(trace: Trace, fall: float) -> Trace:
+    """The way to a maximum from which the mean lies far, where the models are likelier.
+
+    Words that compare that end with others, or that tell its fit, would be read as of the mean.
+
+    Parameters
+    ----------
+    trace : Trace
+    fall : float
+        Of ``-2 log L``, from the maximum to the mean.
+    """
+    about = (FAR_LIKELIER, RESPONSE_AS_NOISE, SLOW_AS_NOISE)
+    kept = tuple(told for told in trace.decisions if not told.startswith(about))
+    way = replace(trace, decisions=kept)
+    return way.told(f"{ELSEWHERE} (-2 log L lower by {fall:.0f})")
 
 
 def _told_apart(best: Ending) -> Array | None:

@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from tridentify.judgement.causes.coarse_input import converter_steps
 from tridentify.judgement.causes.intersample import is_staircase
 from tridentify.judgement.causes.present import Present
 from tridentify.judgement.causes.rivals import LONG_ENOUGH, Rival, one
@@ -46,8 +47,8 @@ def both_ways_rivals(present: Present) -> Iterator[Rival]:
     records = present.records
     if any(record.dt is None or record.n_samples < 2 * LONG_ENOUGH for record in records):
         return
-    # a smooth input shows no moves that an output could come before
-    if not is_staircase(records):
+    # a smooth input shows no moves that an output could come before, by a converter's steps or not
+    if not is_staircase(records) or np.any(converter_steps(records) > 0.0):
         return
     found = [end for poles in POLES if (end := _best(present, poles)) is not None]
     if not found:

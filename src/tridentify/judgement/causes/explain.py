@@ -51,6 +51,7 @@ from tridentify.judgement.causes.rivals import (
 )
 from tridentify.judgement.causes.saturation import saturation_rivals
 from tridentify.judgement.causes.slow import slow_rivals
+from tridentify.judgement.causes.slow_input import slow_input_rivals
 from tridentify.judgement.causes.timing import early_rivals, wandering_rivals
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import fit_autoregression
@@ -186,22 +187,32 @@ def settle(present: Present) -> Attempt | None:
 
 
 def _sharper(found: Sequence[Explanation], present: Present, base: Attempt) -> list[Explanation]:
-    """The best non-linearity again, as a function of the outputs that it leads to itself."""
+    """The best non-linearity again, as a function of the outputs that it leads to itself.
+
+    What acts against a motion is compared there with all that may: a linear model is too far off
+    to tell friction, damping by the square of the speed and a stiffness apart.
+    """
     n = present.records[0].n_inputs
     bends = [one for one in found if one.rival.parts[0].records[0].n_inputs > n]
     own = [one for one in bends if one.rival.code == "nonlinear" and one.gain > CLEARLY]
     better: list[Explanation] = []
-    for _ in range(SHARPER if own else 0):
+    for k in range(SHARPER if own else 0):
         best = max([*own, *better], key=lambda one: one.gain)
         (end,) = best.attempts
         pairs = zip(end.point.problem.experiments, end.point.residuals(), strict=True)
         response = [experiment.y - residual for experiment, residual in pairs]
-        again = [r for r in nonlinear_rivals(present, response) if r.what == best.rival.what]
+        rivals = list(nonlinear_rivals(present, response))
+        again = [one for one in rivals if one.what == best.rival.what]
+        if k == 0 and best.rival.of_motion:
+            others = [one for one in rivals if one.of_motion and one.what != best.rival.what]
+            from_there = ((present.poles, end.point.poles),)
+            better += fitted((replace(one, starts=from_there) for one in others), base)
         ends = attempted(again[0]) if again else None
         if ends is None:
             break
-        better.append(explanation_of(again[0], ends, base))
-        if better[-1].gain < best.gain + CLEARLY:
+        same = explanation_of(again[0], ends, base)
+        better.append(same)
+        if max(better, key=lambda one: one.gain) is same and same.gain < best.gain + CLEARLY:
             break
     return better
 
@@ -375,6 +386,7 @@ def _rivals(
     late = list(delay_rivals(present)) if asked else []
     makers: tuple[tuple[tuple[str, ...], Callable[[], Iterable[Rival]]], ...] = (
         (("intersample",), lambda: _intersample_rivals(present)),
+        (("intersample",), lambda: slow_input_rivals(present)),
         (("input-noise", "intersample"), lambda: pulse_rivals(present)),
         (("input-noise",), lambda: level_rivals(present)),
         (("input-noise",), lambda: floor_rivals(present)),

@@ -3,8 +3,9 @@
 *Nonlinear.* A static non-linearity ``f`` of the actuator, ``u + k f(u)``, and a restoring force
 ``a(p) y + k f(y) = b(p) u`` are both one more input, ``f(u)`` or ``-f(y)``, of the same
 denominator; in the second ``y`` is the fitted output, which carries no noise. Even powers make what
-is not symmetric, odd ones what stiffens or saturates, ``sign(dy/dt)`` is dry friction (Billings,
-*Nonlinear System Identification*, 2013, chapter 2, for the classes).
+is not symmetric, odd ones what stiffens or saturates, ``sign(dy/dt)`` is dry friction and
+``|dy/dt| dy/dt`` the damping of ships, dampers and valves, which grows where friction weighs less
+(Billings, *Nonlinear System Identification*, 2013, chapter 2, for the classes).
 
 *Varying.* Both halves of the record with coefficients of their own, the second from an initial
 state of its own; *disagreeing experiments* likewise.
@@ -115,6 +116,8 @@ class Rival:
         The one that it names of several.
     spoils : bool
         Whether the numbers are wrong with it, where its code does not say so.
+    of_motion : bool
+        Whether it is a function of a motion of the system: friction, damping, a stiffness.
     """
 
     code: str
@@ -133,6 +136,7 @@ class Rival:
     kind: str = ""
     experiment: int | None = None
     spoils: bool = False
+    of_motion: bool = False
 
 
 def one(code: str, present: Present, what: str, advice: str, *, refits: bool = True) -> Rival:
@@ -141,7 +145,7 @@ def one(code: str, present: Present, what: str, advice: str, *, refits: bool = T
 
 
 def nonlinear_rivals(present: Present, fitted: Sequence[Array]) -> Iterator[Rival]:
-    """Even and odd powers of inputs and outputs, and dry friction.
+    """Even and odd powers of inputs and outputs, dry friction, and damping by the square of speeds.
 
     Parameters
     ----------
@@ -160,6 +164,10 @@ def nonlinear_rivals(present: Present, fitted: Sequence[Array]) -> Iterator[Riva
         "Use larger amplitudes, where play and dry friction weigh less, and away from standstill; "
         "no order of a linear model stands for them."
     )
+    smaller = (
+        "Use smaller amplitudes, at which the damping is that of small moves: it grows with "
+        "larger ones, and no order of a linear model stands for it."
+    )
     for j, name in enumerate(records[0].input_names):
         for power, which in ((2, "even"), (3, "odd")):
             extra = _bent([record.u[:, j] for record in records], power)
@@ -176,14 +184,24 @@ def nonlinear_rivals(present: Present, fitted: Sequence[Array]) -> Iterator[Riva
                 continue
             what = f"an {which} non-linearity in the output {name} (a stiffness, a level)"
             other = present.with_inputs(extra, "non-linear", 0)
-            yield one("nonlinear", other, what, advice, refits=False)
+            yield _of_motion(other, what, advice)
         slopes = [_smooth_slope(f[:, i]) for f in fitted]
         what = f"dry friction against the movement of {name}"
         yield _friction(_rubbing(present, slopes), what, larger)
+        what = f"damping that grows with the speed of {name}, as its square (drag, a valve)"
+        yield _of_motion(_dragging(present, slopes, 1), what, smaller)
         speeds = [_filled(f[:, i]) for f in fitted]
         if turns(np.concatenate(speeds)):
             what = f"dry friction against {name} itself, as of a speed"
             yield _friction(_rubbing(present, speeds), what, larger)
+            what = f"damping that grows with {name} itself, as of a speed, as its square (drag)"
+            if present.order > 1:
+                what = (
+                    f"an odd non-linearity in the output {name}, as its square (a stiffness or, "
+                    "where it is a speed, drag)"
+                )
+            # as free as a stiffness, which it would pass for
+            yield _of_motion(_dragging(present, speeds, 0), what, smaller)
     den = np.asarray(np.poly(present.poles).real)
     for j, name in enumerate(records[0].input_names):
         for state in inner_states(den, float(present.delay[0, j]), records, j):
@@ -196,13 +214,23 @@ def nonlinear_rivals(present: Present, fitted: Sequence[Array]) -> Iterator[Riva
 
 
 def _friction(present: Present, what: str, advice: str) -> Rival:
-    return replace(one("nonlinear", present, what, advice, refits=False), kind="friction")
+    return replace(_of_motion(present, what, advice), kind="friction")
+
+
+def _of_motion(present: Present, what: str, advice: str) -> Rival:
+    return replace(one("nonlinear", present, what, advice, refits=False), of_motion=True)
 
 
 def _rubbing(present: Present, speeds: Sequence[Array]) -> Present:
     assert isinstance(present.order, int)
     extra = [against(one, STICKS) for one in speeds]
     return present.with_inputs(extra, "friction", min(1, present.order - 1))
+
+
+def _dragging(present: Present, speeds: Sequence[Array], zeros: int) -> Present:
+    assert isinstance(present.order, int)
+    extra = [np.asarray(np.abs(one) * one) for one in speeds]
+    return present.with_inputs(extra, "drag", min(zeros, present.order - 1))
 
 
 def _bent(signals: Sequence[Array], power: int) -> list[Array] | None:

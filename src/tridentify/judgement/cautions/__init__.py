@@ -111,7 +111,7 @@ def judged(
     seen = _beside_causes([*seen, *with_stuck_tried(hung, estimate, records, known)], tested)
     if all(not np.any(np.ptp(record.u, axis=0)) for record in records):
         tested, found = _of_constant_inputs(tested, found)
-    explained = any(one.code in EXPLAIN and one.matters for one in tested)
+    explained = any(one.code in EXPLAIN and one.matters and one.remedy for one in tested)
     if not explained:  # what rings on because a response is missing is no tone from outside
         found += tone_findings(estimate, records, known)
     first = [] if explained else far_likelier(estimate)
@@ -144,7 +144,8 @@ def _beside_better(found: Sequence[Finding], tested: Sequence[Finding]) -> list[
 
 
 EXPLAIN = ("intersample", "delay", "feedback", "saturation", "order-low")
-"""Causes which say why another model of the noise is likelier: it makes up for them."""
+"""Causes which say why another model of the noise is likelier: it makes up for them. Not where
+nothing is to be done about them: an order of which the record does not tell the coefficients."""
 
 
 BENDS = ("saturation", "nonlinear", "varying", "disagreeing-experiments")
@@ -159,8 +160,8 @@ def _beside_causes(seen: Sequence[Finding], tested: Sequence[Finding]) -> list[F
     robust loss would only keep what the cause bends.
     """
     every = {name for one in seen for name in one.outputs}
-    bends = [one for one in tested if one.code in BENDS and one.effect]
-    bent = {name for one in bends for name in one.outputs or every}
+    makes = [one for one in tested if one.code in BENDS or one.kind == "repeated"]
+    bent = {name for one in makes if one.effect for name in one.outputs or every}
     bad = [one for one in tested if one.code == "bad-samples" and one.matters]
     bent -= {name for one in bad for name in one.outputs}
     return [one for one in seen if one.code != "bad-samples" or not set(one.outputs) <= bent]

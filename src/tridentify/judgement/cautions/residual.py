@@ -172,7 +172,9 @@ def far_likelier(estimate: Estimate) -> list[Finding]:
             "moves the output, a slow disturbance or a controller behind the input, and the "
             "standard errors know nothing of it.",
             "If a controller or a person kept the output in place, use ThreeModel(route='direct') "
-            "(--route direct); if not, cut the record to where it is calm.",
+            "(--route direct). If a disturbance acts through the plant for as long as the record "
+            "lasts, noise='ar' (--noise ar) takes the likelier numbers, whatever the fit; else cut "
+            "the record to where it is calm.",
             estimate.output_names,
         )
         for told in estimate.trace.decisions
