@@ -129,7 +129,9 @@ def test_one_pole_is_quadrature(one_pole, start):
     sampling = 4.0 * np.sqrt(LEVELS * (1.0 - LEVELS) / found.effective)
     a, b = np.quantile(found.draws, LEVELS, axis=0).T
     assert np.all(np.abs(dense.probability(a, 0) - LEVELS) < sampling)
-    assert np.all(np.abs(dense.probability_b(b) - LEVELS) < sampling)
+    # b has a scatter of its own about least squares, drawn for each of the draws that are kept
+    own = 1.0 + found.effective / len(found.draws)
+    assert np.all(np.abs(dense.probability_b(b) - LEVELS) < np.sqrt(own) * sampling)
 
 
 BOXES = {0.3: ((0.06, 0.12), (0.12, 0.6)), 1.0: ((0.03, 5e-4), (0.8, 4.0))}
