@@ -176,7 +176,10 @@ class Manoeuvre(Stretch):
 
 
 class Finding(TypedDict):
-    """A doubt; ``advice`` is the remedy in words of the page, ``times`` are of the file's clock."""
+    """A doubt; ``advice`` is the remedy in words of the page, ``times`` are of the file's clock.
+
+    ``kind`` is which case of its code it is, mostly empty.
+    """
 
     code: str
     severity: Literal["error", "warning", "note"]
@@ -187,6 +190,7 @@ class Finding(TypedDict):
     experiment: int | None
     times: Numbers
     effect: str | None
+    kind: str
 
 
 class Measured(TypedDict):

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, TransferFunction, identify, simulate
-from tridentify.estimation.search import following
+from tridentify.estimation.methods import maximum, turns
+from tridentify.estimation.search import following, search
 from tridentify.numerics.realization import cascade, roots_of, row_of
 from tridentify.uncertainty import bootstrap
 
@@ -25,7 +26,8 @@ def test_a_copy_that_ends_at_once_ends_where_the_search_would(monkeypatch):
     )
     at_once = bootstrap(estimate, record, n_draws=6)
     assert not asked
-    monkeypatch.setattr(following, "CERTAIN", -1.0)
+    for room in (following, maximum, search, turns):
+        monkeypatch.setattr(room, "CERTAIN", -1.0)
     searched = bootstrap(estimate, record, n_draws=6)
     assert asked
     apart = np.abs(at_once.theta - searched.theta) / estimate.std

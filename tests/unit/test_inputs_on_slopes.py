@@ -16,13 +16,12 @@ from tridentify import (
     validate,
 )
 from tridentify.estimation.answer.finding import Finding
+from tridentify.judgement.causes.intersample import behaviours as compared
 from tridentify.judgement.causes.intersample import (
-    CLEARLY_BETTER,
     for_left_open,
     in_doubt,
     seems_held,
 )
-from tridentify.judgement.causes.intersample import behaviours as compared
 from tridentify.judgement.cautions import _beside_better
 from tridentify.judgement.selection import settle
 
@@ -95,7 +94,7 @@ def test_what_moves_on_slopes_is_not_held_as_a_matter_of_course():
 
 
 def test_another_behaviour_is_a_note_beside_a_cause_that_explains_more():
-    lines = Finding("intersample", "warning", f"Lines are {CLEARLY_BETTER}.", "State them.")
+    lines = Finding("intersample", "warning", "Lines are better.", "State them.", kind="alone")
     open_ = Finding("intersample", "warning", "The record does not tell.")
     low = Finding("order-low", "warning", "More poles.", effect="With it: the fit rises.")
     assert [one.severity for one in _beside_better([lines, open_], [low])] == ["note", "warning"]
