@@ -27,11 +27,23 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tridentify.estimation.answer.finding import Finding
 from tridentify.judgement.causes.feedback import Inputs
 from tridentify.judgement.causes.surprises import moved
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.lagrange import added, span
 from tridentify.record.record import Record
+
+CODE = "feedback"
+
+UNDERFLOW = 1e-12
+"""Chance below which it is not told how small it is: no noise is Gaussian that far out."""
+
+REMEDY = (
+    "Record what the controller was told to follow and give it as reference, open the loop, or "
+    "identify by the direct route (ThreeModel(route='direct'); --route direct), whose numbers are "
+    "as good as its model of the noise."
+)
 
 PAST_INPUTS = 20
 """Samples of each input that it is forecast from; fewer where a record is short."""
@@ -115,6 +127,28 @@ def told_by_past(records: Sequence[Record]) -> list[Told | None]:
         clear = [one for one in seen if one is not None]
         found[i] = min(clear, key=lambda one: one.p_value, default=None)
     return found
+
+
+def told_finding(told: Told, inputs: Sequence[str], output: str) -> Finding:
+    """In words.
+
+    Parameters
+    ----------
+    told : Told
+    inputs : sequence of str
+        Names of the inputs.
+    output : str
+    """
+    return Finding(
+        CODE,
+        "warning",
+        f"Past samples of {output} tell {100.0 * told.share:.2g} % of the small moves of "
+        f"{inputs[told.input]} that its own past does not tell (by chance "
+        f"{max(told.p_value, UNDERFLOW):.1g}{' or less' * (told.p_value < UNDERFLOW)}): the input "
+        "reacts to the output (feedback), late or slowly.",
+        REMEDY,
+        (output,),
+    )
 
 
 def _told(inputs: Inputs, output: int, input_: int, pairs: int) -> Told | None:
