@@ -1,5 +1,7 @@
 """Feedback that past outputs show in what an input does next, where no residual shows it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter, lsim
@@ -74,17 +76,22 @@ def test_what_explains_nothing_is_not_recommended_beside_what_explains_much() ->
     wave = np.sin(0.3 * np.arange(200))[:, None] / 10.0  # of a unit of energy
     level = (np.ones((200, 1)),)
 
-    def trial(size: int, left: float, *, sound: bool) -> Trial:
+    def unseen(left: float) -> Unseen:
         errors = left * (wave + 0.001 * rng.standard_normal((200, 1)))
-        unseen = Unseen((errors,), (level,))
-        return Trial(size, unseen, unseen, sound, usable=True, vague=not sound)
+        return Unseen((errors,), (level,))
 
-    nothing, much = trial(2, 1.2, sound=True), trial(8, 0.2, sound=False)
-    assert nothing.unseen.loss > 1.0
-    assert much.unseen.loss < 0.5
-    assert recommend([nothing, much], 0, explains=False, sharp=False).place == 1
-    # where nothing explains anything they stay beside each other
-    assert recommend([nothing, nothing], 0, explains=False, sharp=False).place == 0
+    nothing, much = unseen(1.2), unseen(0.2)
+    assert nothing.loss > 1.0
+    assert much.loss < 0.5
+    # whitened by a noise model of many coefficients both look alike
+    trials = [
+        Trial(2, nothing, unseen(0.1), sound=True, usable=True),
+        Trial(8, much, unseen(0.1), sound=False, usable=True, vague=True),
+    ]
+    assert recommend(trials, 0, explains=True, sharp=True).place == 1
+    # where none explains anything the likelihood decides
+    alike = [replace(one, unseen=nothing) for one in trials]
+    assert recommend(alike, 0, explains=True, sharp=True).place == 0
 
 
 @pytest.mark.slow

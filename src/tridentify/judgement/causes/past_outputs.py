@@ -11,7 +11,7 @@ What is linear and finite about a forecast makes exceptions, and each is kept ou
 * A commanded input (held steps, pulses, a few sines) has no surprises, and is not asked. Large
   moves are left out: only the small ones are forecast.
 * A sweep or a sum of many sines is told by an output that remembers more of it than the lags do.
-  Twice as many lags must leave what it tells; and what is found in one half of a record must
+  Twice as many lags must leave what it tells, and not tell clearly more than it; and what is found in one half of a record must
   forecast the other one, both ways: a controller stays what it is.
 * Of an input that is not held, or measured with noise, an output knows what its samples do not say.
   Then outputs to come know far more of it, as the plant answers after it, and past ones must tell
@@ -62,6 +62,10 @@ CHANCE = 1e-5
 
 BESIDE_MORE = 1e-3
 """The same beside twice as many past inputs: they cost degrees of freedom."""
+
+REMEMBERS = 1e-6
+"""p-value of these, from which an input remembers more of itself than it was asked for: it is
+commanded by a rule. In loops it is seldom below 1e-3."""
 
 LEAST_SHARE = 0.03
 """Of the surprises that past outputs must explain: the smallest imperfection of a long record is
@@ -162,6 +166,9 @@ def _told(inputs: Inputs, output: int, input_: int, pairs: int) -> Told | None:
         return None
     coming = added(now, basis, span(after, basis), now.size)
     if test.share < OF_COMING * coming.share or not _lasts(now, before, basis):
+        return None
+    older = added(now, basis, span(more, basis), now.size)
+    if older.p_value < REMEMBERS and older.share > test.share:
         return None
     longer = span(np.hstack([known, more]))
     if not added(now, longer, span(before, longer), now.size).p_value < BESIDE_MORE:

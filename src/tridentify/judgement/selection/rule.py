@@ -333,8 +333,9 @@ def recommend(
 
 
 def _of_any_use(trials: Sequence[Trial]) -> list[int]:
-    """Usable candidates with held-out errors; without those worse than the mean where one is far
-    better, whatever speaks against that one.
+    """Usable candidates with held-out errors, those worse than the mean only where none is good.
+
+    Whitened by a noise model that takes all for noise, the worst of them may look as good as any.
     """
     found = [k for k, one in enumerate(trials) if one.usable and math.isfinite(one.unseen.loss)]
     if min((trials[k].unseen.loss for k in found), default=NOTHING) > FAR_BETTER:
