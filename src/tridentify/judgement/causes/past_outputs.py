@@ -11,8 +11,8 @@ What is linear and finite about a forecast makes exceptions, and each is kept ou
 * A commanded input (held steps, pulses, a few sines) has no surprises, and is not asked. Large
   moves are left out: only the small ones are forecast.
 * A sweep or a sum of many sines is told by an output that remembers more of it than the lags do.
-  Twice as many lags must leave what it tells, and not tell clearly more than it; and what is found in one half of a record must
-  forecast the other one, both ways: a controller stays what it is.
+  Twice as many lags must leave what it tells, and not tell clearly more than it; and what is found
+  in one half of a record must forecast the other one, both ways: a controller stays what it is.
 * Of an input that is not held, or measured with noise, an output knows what its samples do not say.
   Then outputs to come know far more of it, as the plant answers after it, and past ones must tell
   half as much.
