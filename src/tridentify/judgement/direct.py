@@ -16,7 +16,7 @@ import numpy as np
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate
-from tridentify.estimation.answer.finding import Finding
+from tridentify.estimation.answer.finding import Finding, Severity, ranked
 from tridentify.estimation.answer.trace import BETWEEN_DECIDES, NO_END_TOGETHER
 from tridentify.estimation.likelihood.answer import widened_by
 from tridentify.estimation.likelihood.question import silently
@@ -28,6 +28,7 @@ from tridentify.estimation.methods.output_error import OutputError
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.causes.feedback import Inputs, misses
 from tridentify.judgement.causes.fewer import NO_RESPONSE, foretold
+from tridentify.judgement.causes.past_outputs import told_by_past, told_finding
 from tridentify.judgement.validation.assess import looked_at, may_react_at_all, own_look
 from tridentify.judgement.validation.residuals import Output, View, root_of
 from tridentify.judgement.validation.verdict import NO_CONTROLLER
@@ -91,9 +92,11 @@ def directly(
         return None
     if method.noise == "white" or method.loss != "squared" or estimate.route != "open-loop":
         return None
-    if not may_react_at_all(estimate, records):
-        return None
-    if not any(finding.code == CODE for finding in looked_at(estimate, records)):
+    reacts = may_react_at_all(estimate, records) and any(
+        finding.code == CODE for finding in looked_at(estimate, records)
+    )
+    # of a plant that is held nothing may be left in which that shows, of the controller's inverse
+    if not reacts and not any(told_by_past(records)):
         return None
     why = "the input reacts to the output, and no reference says what else moved it"
     return _by_direct_route(method, records, structure, progress, why)
@@ -253,6 +256,8 @@ def about_direct(
     records : sequence of Record
         Those that were identified.
     """
+    told = _told(findings, estimate, records)
+    findings = ranked([*findings, *told]) if told else findings
     if estimate.route != "direct":
         return tuple(findings)
     doubted = _decided(estimate, NOT_INDEPENDENT)
@@ -282,6 +287,24 @@ def about_direct(
         found.append(_alone(estimate))
     order = sorted(found, key=lambda one: one.severity != "error")
     return tuple(order)
+
+
+def _told(
+    findings: Sequence[Finding], estimate: Estimate, records: Sequence[Record]
+) -> list[Finding]:
+    """Feedback that past outputs show and no residual: an error of what is taken for open loop.
+
+    What such a model says may be the controller, backwards, with a residual like noise.
+    """
+    given = estimate.route == "reference" or any(one.reference is not None for one in records)
+    if given or any(one.code == CODE for one in findings):
+        return []
+    severity: Severity = "error" if estimate.route == "open-loop" else "warning"
+    return [
+        replace(told_finding(told, estimate.input_names, name), severity=severity)
+        for told, name in zip(told_by_past(records), estimate.output_names, strict=True)
+        if told is not None
+    ]
 
 
 def predictor_findings(estimate: Estimate, records: Sequence[Record]) -> tuple[Finding, ...]:
