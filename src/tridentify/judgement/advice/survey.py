@@ -38,6 +38,7 @@ from tridentify.judgement.advice.seen import (
 from tridentify.judgement.advice.slow import drift_seen, wanders
 from tridentify.judgement.causes.first_samples import beginning
 from tridentify.judgement.causes.intersample import AUTO, CLEARLY, IN_WORDS, needed_fall
+from tridentify.judgement.causes.past_outputs import told_by_past, told_finding
 from tridentify.judgement.causes.wild_beginning import without_wild_beginning
 from tridentify.judgement.cautions.sensors import seen_in
 from tridentify.judgement.cautions.tones import tone_finding
@@ -170,7 +171,7 @@ def advise(records: Record | Sequence[Record]) -> Advice:
     found += _of_input(given)
     found += [] if still else _of_response(first, outputs)
     found += [_of_delay(seen) for seen in delays if _is_late(seen)]
-    found += [finding for output in late for finding in _of_noise(first, output)]
+    found += [finding for output in late for finding in _of_noise(parts, output)]
     if not any(finding.code == "feedback" for finding in found):
         # an input that reacts to the output seems to act early
         found += _of_behaviour(given, behaviours, best)
@@ -372,8 +373,9 @@ def _of_delay(seen: DelaySeen) -> Finding:
     )
 
 
-def _of_noise(record: Record, output: Output) -> list[Finding]:
+def _of_noise(records: Sequence[Record], output: Output) -> list[Finding]:
     """Feedback and drift."""
+    record = records[0]
     name, found = record.output_names[output.index], []
     chance = feedback_seen(output.parallel, output.fit)
     if chance < FEEDBACK:
@@ -390,6 +392,9 @@ def _of_noise(record: Record, output: Output) -> list[Finding]:
             )
         )
         return found  # what comes back through a loop is slow as well
+    told = told_by_past(records)[output.index] if record.reference is None else None
+    if told is not None:
+        return [told_finding(told, record.input_names, name)]
     fall = drift_seen(output)
     # an autoregression stands on even time alone
     noise_model = "Use a noise model (noise='ar')" if record.dt else "Resample to even time"

@@ -82,6 +82,9 @@ NOTHING = 1.0
 """Share of the outputs' variance that is left by the mean alone: what leaves as much is sound, and
 says nothing."""
 
+FAR_BETTER = 0.5
+"""Share that a candidate may leave to be far better than one that leaves as much as the mean."""
+
 
 @dataclass(frozen=True)
 class Contender:
@@ -303,7 +306,7 @@ def recommend(
     >>> recommend(trials, 2, explains=False, sharp=True).place
     1
     """
-    judged = [k for k, one in enumerate(trials) if one.usable and math.isfinite(one.unseen.loss)]
+    judged = _of_any_use(trials)
     eligible = [k for k in judged if trials[k].sound and trials[k].unseen.loss < NOTHING] or judged
     if not eligible:
         by = "none" if likeliest is None else "likelihood"
@@ -327,6 +330,17 @@ def recommend(
         place, by = small, why
     fair = not contrasts(trials[place].unseen, trials[best].unseen)[0].as_good
     return Verdict(place, best, by, trials[place].sound, fair)
+
+
+def _of_any_use(trials: Sequence[Trial]) -> list[int]:
+    """Usable candidates with held-out errors, those worse than the mean only where none is good.
+
+    Whitened by a noise model that takes all for noise, the worst of them may look as good as any.
+    """
+    found = [k for k, one in enumerate(trials) if one.usable and math.isfinite(one.unseen.loss)]
+    if min((trials[k].unseen.loss for k in found), default=NOTHING) > FAR_BETTER:
+        return found
+    return [k for k in found if trials[k].unseen.loss < NOTHING]
 
 
 def _of_held_out(
