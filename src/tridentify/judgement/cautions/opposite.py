@@ -10,14 +10,14 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
 from tridentify.judgement.causes.rivals import DISAGREEING
 from tridentify.judgement.validation.assess import own_look
-from tridentify.judgement.validation.explained import explanations, finding_of
+from tridentify.judgement.validation.explained import LITTLE, explanations, finding_of
 from tridentify.record.record import Record
 
 
 def opposite_findings(
     estimate: Estimate, records: Sequence[Record], found: Sequence[Finding]
 ) -> list[Finding]:
-    """That one of several experiments has the opposite sign, where they show no response together.
+    """That one of several experiments has the opposite sign, where they seem silent together.
 
     With white weights: a model of the noise has taken for noise what each of them answers.
 
@@ -29,8 +29,10 @@ def opposite_findings(
     found : sequence of Finding
         Of the same records.
     """
-    silent = any(one.code == "no-response" for one in found)
-    if len(records) < 2 or not silent or any(one.code == DISAGREEING for one in found):
+    codes = {one.code for one in found}
+    hardly = "not-determined" in codes and float(np.max(estimate.fit)) < LITTLE
+    silent = "no-response" in codes or hardly
+    if len(records) < 2 or not silent or DISAGREEING in codes:
         return []
     view = own_look(estimate, records)
     if view is None:
@@ -40,5 +42,5 @@ def opposite_findings(
     best = None if explained is None else explained.best
     if explained is None or best is None or best.rival.kind != "opposite":
         return []
-    where = "The experiments together show no response"
+    where = "The experiments together show no response" + " to speak of" * hardly
     return [finding_of(best, explained, estimate, (), where)]
