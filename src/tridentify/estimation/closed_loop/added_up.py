@@ -28,6 +28,7 @@ import numpy as np
 
 from tridentify.estimation.closed_loop.between_samples import Loop
 from tridentify.estimation.closed_loop.linear_errors import Foreseen, linear_errors
+from tridentify.estimation.closed_loop.predictor import later
 from tridentify.estimation.closed_loop.unstable import Found, seen_by
 from tridentify.numerics.arrays import Array, Complex
 
@@ -62,10 +63,13 @@ def with_added_up(loops: Sequence[Loop], found: Found) -> Found:
         series = np.split(left / np.sqrt(found.variance), np.cumsum(counts)[:-1])
         shapes = [_foreseen(one) for one in linear.records]
         middle = added_up(linear.instruments, series, shapes, [0] * len(series))
-        back = np.linalg.inv(upper)[: found.plant.theta.size]
+        along = found.plant.free
+        back = along @ np.linalg.inv(upper)[: along.shape[1]]
     except np.linalg.LinAlgError:
         return found
-    sizes = np.diag(found.variance * back @ middle @ back.T) / np.diag(found.cov)
+    free = np.diag(found.cov) > 0.0
+    sizes = np.ones(free.size)
+    sizes[free] = np.diag(found.variance * back @ middle @ back.T)[free] / np.diag(found.cov)[free]
     if not np.isfinite(sizes).all():
         return found
     wider = np.sqrt(np.maximum(sizes, 1.0))
@@ -131,7 +135,7 @@ def _power(series: Array) -> Array:
 def _foreseen(one: Foreseen) -> Array:
     """A predictor's response to a pulse."""
     u = pulse(one.loop)
-    whole = replace(one.signals, u=u, y=np.zeros_like(one.signals.y))
+    whole = later(one.loop, replace(one.signals, u=u, y=np.zeros_like(one.signals.y)))
     return np.asarray(one.predictor.errors(whole))
 
 

@@ -17,7 +17,7 @@ take the input of a continuous controller as held are not consistent.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
 
@@ -57,10 +57,16 @@ class Loop:
         input, where there is no controller.
     sampling : {"sampled", "continuous"}
         How the controller works.
+    late : tuple of float
+        Samples after which each input acts, where a predictor is to know it; empty for at once.
+    drift : bool
+        Whether a predictor's output may have a slope in time.
     """
 
     driven: Driven | Simulated | AsRecorded
     sampling: Sampling
+    late: tuple[float, ...] = field(default=(), kw_only=True)
+    drift: bool = field(default=False, kw_only=True)
 
     @property
     def record(self) -> Record:

@@ -8,7 +8,7 @@ make of them, whitened where the noise is coloured.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -20,6 +20,7 @@ from tridentify.estimation.closed_loop.predictor import (
     Predictor,
     Signals,
     driven_signals,
+    observed,
     recorded,
     slopes,
 )
@@ -74,9 +75,12 @@ class Foreseen:
     def _slopes(self, signals: Signals, errors: Array, apart: float) -> Array:
         """At the start and offset that suit the signals best, told apart beyond a cutoff."""
         if not (np.isfinite(errors).all() and np.isfinite(self.rest).all()):
-            return np.full((len(errors), self.predictor.plant.theta.size), np.nan)
+            return np.full((len(errors), self.predictor.plant.free.shape[1]), np.nan)
         start = suiting(self.rest[self.seen], errors[self.seen], apart)
-        return slopes(self.predictor, signals, start)
+        if self.loop.drift:
+            signals = replace(signals, y=signals.y - start[-1] * ramp(signals.y.size))
+            start = start[:-1]
+        return slopes(self.predictor, signals, start) @ self.predictor.plant.free
 
 
 def suiting(rest: Array, errors: Array, apart: float = TOLD_APART) -> Array:
@@ -92,6 +96,19 @@ def suiting(rest: Array, errors: Array, apart: float = TOLD_APART) -> Array:
     """
     size = np.linalg.norm(rest, axis=0) + 1e-300
     return np.asarray(np.linalg.lstsq(rest / size, errors, rcond=apart)[0] / size)
+
+
+def ramp(count: int) -> Array:
+    """(count,) a drift that adds up to one over the record."""
+    return np.linspace(0.0, 1.0, count)
+
+
+def _drifting(loop: Loop, predictor: Predictor, signals: Signals) -> list[Array]:
+    """Minus the derivative of the errors by a drift, where there is one."""
+    if not loop.drift:
+        return []
+    u, count = np.zeros_like(signals.u), signals.y.size
+    return [predictor.errors(Signals(u, signals.fine[:0], ramp(count), signals.dt))[:, None]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +137,7 @@ class Linear:
 
     @property
     def slopes(self) -> Array:
-        """(n_samples, n_coefficients) minus the derivatives of the driven part of the errors."""
+        """(n_samples, n_free) minus the derivatives of the driven part of the errors."""
         return self._derivatives[0]
 
     @property
@@ -202,7 +219,8 @@ def linear_errors(
             signals = recorded(loop)
             predictor = Predictor(plant, signals.dt, edge, fed_back, held)
             rest, e = predictor.starts(len(signals.y)), predictor.errors(signals)
-            seen = np.isfinite(loop.record.y[:, 0])
+            rest = np.hstack([rest, *_drifting(loop, predictor, signals)])
+            seen = observed(loop)
             records.append(Foreseen(loop, predictor, signals, e, rest, seen))
             table = _white(np.column_stack([e, rest]), seen, noise)
             errors.append(table[:, 0])
@@ -237,7 +255,7 @@ def driven_basis(loops: Sequence[Loop], noise: Array) -> Array | None:
     for loop in loops:
         if not isinstance(loop.driven, Driven):
             return None
-        seen = np.isfinite(loop.record.y[:, 0])
+        seen = observed(loop)
         columns.append(_white(loop.driven.columns, seen, noise))
     return np.linalg.qr(stacked([one[:, :0] for one in columns], columns))[0]
 

@@ -25,13 +25,13 @@ Ljung, *System Identification*, 2nd ed., problem 4G.6 (1999), on the mirrored pr
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from tridentify.estimation.closed_loop.between_samples import Loop
-from tridentify.numerics.arrays import Array, Complex
+from tridentify.estimation.closed_loop.between_samples import MOST_PIECES, Loop
+from tridentify.numerics.arrays import Array, Complex, Flags
 from tridentify.numerics.exponential import exponentials
 from tridentify.numerics.interpolation import drive
 
@@ -50,10 +50,13 @@ class Plant:
         ``a_{n-1} .. a_0``.
     b : tuple of arrays
         Numerators of every input, descending powers.
+    along : (n_coefficients, n_free) array, optional
+        Directions in which the coefficients may move, where something is known of them.
     """
 
     a: Array
     b: tuple[Array, ...]
+    along: Array | None = None
 
     @cached_property
     def poles(self) -> Complex:
@@ -69,7 +72,12 @@ class Plant:
         """The same orders with other coefficients."""
         ends = np.cumsum([self.a.size, *(one.size for one in self.b)])
         parts = np.split(theta, ends[:-1])
-        return Plant(parts[0], tuple(parts[1:]))
+        return Plant(parts[0], tuple(parts[1:]), self.along)
+
+    @property
+    def free(self) -> Array:
+        """(n_coefficients, n_free) directions in which the coefficients may move."""
+        return np.eye(self.theta.size) if self.along is None else self.along
 
     @property
     def scale(self) -> Array:
@@ -119,7 +127,51 @@ def recorded(loop: Loop) -> Signals:
     y = np.where(np.isnan(record.y[:, 0]), part.outputs[:, 0], record.y[:, 0])
     u = record.u - record.u[0]
     held, fine = _split(loop, u)
-    return Signals(held, fine, y - y[0], float(record.dt or 0.0))
+    return later(loop, Signals(held, fine, y - y[0], float(record.dt or 0.0)))
+
+
+def observed(loop: Loop) -> Flags:
+    """(n_samples,) where an output is there, and the inputs that it answers to were recorded."""
+    seen = np.isfinite(loop.record.y[:, 0])
+    seen[: int(np.ceil(max(loop.late, default=0.0)))] = False
+    return np.asarray(seen)
+
+
+def later(loop: Loop, signals: Signals) -> Signals:
+    """The same with inputs that act as late as those of a loop; they were at rest before.
+
+    A delay that is no whole number of pieces mixes the means of two of them, which is right to
+    second order in their length.
+    """
+    if not any(loop.late):
+        return signals
+    samples = np.array(loop.late)
+    if np.all(samples == np.round(samples)):
+        fine = shifted(signals.fine, samples * signals.pieces)
+        return replace(signals, u=shifted(signals.u, samples), fine=fine)
+    pieces = signals.pieces or MOST_PIECES
+    whole = np.repeat(signals.u, pieces, axis=0)
+    whole = whole + signals.fine if signals.pieces else whole
+    return replace(signals, u=np.zeros_like(signals.u), fine=shifted(whole, samples * pieces))
+
+
+def shifted(table: Array, steps: Array) -> Array:
+    """Columns later by so many rows each, filled up with their first row.
+
+    Examples
+    --------
+    >>> shifted(np.array([[0.0], [1.0], [3.0]]), np.array([1.5])).ravel().tolist()
+    [0.0, 0.0, 0.5]
+    """
+    if not len(table):
+        return table
+    found = np.empty_like(table)
+    rows = np.arange(len(table))
+    for j, step in enumerate(steps):
+        whole = int(np.floor(step))
+        near, far = (table[np.maximum(rows - k, 0), j] for k in (whole, whole + 1))
+        found[:, j] = near + (step - whole) * (far - near)
+    return found
 
 
 def driven_signals(loop: Loop) -> Signals:
@@ -127,7 +179,7 @@ def driven_signals(loop: Loop) -> Signals:
     part = loop.fitted
     held, fine = _split(loop, part.inputs - part.inputs[0])
     y = part.outputs[:, 0]
-    return Signals(held, fine, y - y[0], float(loop.record.dt or 0.0))
+    return later(loop, Signals(held, fine, y - y[0], float(loop.record.dt or 0.0)))
 
 
 def _split(loop: Loop, u: Array) -> tuple[Array, Array]:

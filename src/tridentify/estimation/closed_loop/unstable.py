@@ -27,7 +27,7 @@ from tridentify.estimation.closed_loop.linear_errors import (
     merit,
     slowest,
 )
-from tridentify.estimation.closed_loop.predictor import Plant, Predictor
+from tridentify.estimation.closed_loop.predictor import Plant, Predictor, observed
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.autoregression import fit_autoregression, most_coefficients, whiten
 from tridentify.numerics.information import aicc_price
@@ -232,7 +232,7 @@ def _in_coloured_noise(loops: Sequence[Loop], found: Found, noise: Array) -> Fou
     left = [whiten(one, noise)[0] for one in found.errors]
     variance = float(np.nanmean(np.concatenate(left) ** 2))
     middle = seen_by(q, [autocovariance(noise, one.size - 1) for one in found.errors])
-    back = np.linalg.pinv(r)
+    back = found.plant.free @ np.linalg.pinv(r)
     return replace(found, cov=variance * back @ middle @ back.T)
 
 
@@ -278,19 +278,20 @@ def _descended(
             held = Predictor(plant, 0.0, edge).mirrored
             linear = linear_errors(loops, plant, noise, fed_back=fed_back, held=held)
         change, left, upper = linear.step()
-        n = plant.theta.size
-        size = _deviation(upper, left, linear.count, n) + FLOOR * plant.scale
-        moved = float(np.max(np.abs(change[:n]) / size))
+        along = plant.free
+        size = _deviation(upper, left, linear.count, along) + FLOOR * plant.scale
+        whole = along @ change[: along.shape[1]]
+        moved = float(np.max(np.abs(whole) / size))
         # without a reference a root is a minimum, and every step goes down
         columns = 0 if basis is None else basis.shape[1]
         noise_level = SCATTER * columns * float(left @ left) / linear.count
         allowed, share = max(merit(linear, basis), noise_level), 1.0
         if basis is None:
-            share = _turning(change[:n] / size, before, last)
+            share = _turning(whole / size, before, last)
         if basis is not None and moved <= NEAR:
             allowed = np.inf
         for _ in range(HALVINGS):
-            following = plant.with_theta(plant.theta + share * change[:n])
+            following = plant.with_theta(plant.theta + share * whole)
             new = linear_errors(loops, following, noise, fed_back=fed_back, held=held)
             lower = new.is_bounded and merit(new, basis) <= allowed * (1 + 1e-9)
             if lower and new.is_finite:
@@ -299,7 +300,7 @@ def _descended(
         else:
             moved = np.inf
             break
-        plant, linear, before, last = following, new, change[:n] / size, share
+        plant, linear, before, last = following, new, whole / size, share
         if moved <= STILL:
             break
     return _found(loops, plant, linear, (steps, moved), fed_back, held)
@@ -317,10 +318,10 @@ def _turning(change: Array, before: Array, share: float) -> float:
     return share / (1.0 - along / size)
 
 
-def _deviation(upper: Array, left: Array, count: int, n: int) -> Array:
+def _deviation(upper: Array, left: Array, count: int, along: Array) -> Array:
     variance = float(left @ left) / max(count - upper.shape[1], 1)
-    inverse = np.linalg.pinv(upper)
-    return np.asarray(np.sqrt(variance * np.sum(inverse[:n] ** 2, axis=1)) + 1e-300)
+    inverse = along @ np.linalg.pinv(upper)[: along.shape[1]]
+    return np.asarray(np.sqrt(variance * np.sum(inverse**2, axis=1)) + 1e-300)
 
 
 def _found(
@@ -332,10 +333,10 @@ def _found(
     held: Complex | None,
 ) -> Found:
     change, left, upper = linear.step()
-    n, noise = plant.theta.size, linear.noise
+    n, noise = plant.free.shape[1], linear.noise
     freedom = max(linear.count - upper.shape[1] - noise.size, 1)
     variance = float(left @ left) / freedom
-    inverse = np.linalg.pinv(upper)
+    inverse = plant.free @ np.linalg.pinv(upper)[:n]
     # squares of what grows over the record may be too large for a number
     columns = upper[:, :n] / (np.max(np.abs(upper[:, :n]), axis=0) + 1e-300)
     columns = columns / (np.linalg.norm(columns, axis=0) + 1e-300)
@@ -343,11 +344,11 @@ def _found(
     plain = linear_errors(loops, plant, np.zeros(0), fed_back=fed_back, held=held)
     whole = plain.errors - plain.rest @ change[n:]
     errors = np.split(whole, np.cumsum([loop.record.n_samples for loop in loops])[:-1])
-    seen = [np.isfinite(loop.record.y[:, 0]) for loop in loops]
+    seen = [observed(loop) for loop in loops]
     step = float(loops[0].record.dt or 0.0)
     return Found(
         plant,
-        variance * inverse[:n] @ inverse[:n].T,
+        variance * inverse @ inverse.T,
         tuple(np.where(s, e, np.nan) for s, e in zip(seen, errors, strict=True)),
         noise,
         variance,
@@ -381,7 +382,7 @@ class _Along:
         return merit(self.linear, self.basis)
 
     def moved(self, change: Array) -> _Along | None:
-        plant = self.plant.with_theta(self.plant.theta + change)
+        plant = self.plant.with_theta(self.plant.theta + self.plant.free @ change)
         linear = linear_errors(self.loops, plant, self.linear.noise)
         return replace(self, plant=plant, linear=linear) if linear.is_bounded else None
 
@@ -397,5 +398,7 @@ def with_fall(loops: Sequence[Loop], found: Found) -> Found:
     if basis is None or not (linear.is_finite and np.isfinite(linear.full).all()):
         return found
     here = _Along(loops, found.plant, linear, basis)
-    added = farther(here, found.cov, found.plant.theta.size)
-    return replace(found, cov=found.cov + added)
+    along = found.plant.free
+    back = np.linalg.pinv(along)
+    added = farther(here, back @ found.cov @ back.T, along.shape[1])
+    return replace(found, cov=found.cov + along @ added @ along.T)

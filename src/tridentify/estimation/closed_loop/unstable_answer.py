@@ -25,7 +25,8 @@ from tridentify.estimation.closed_loop.linear_errors import (
 )
 from tridentify.estimation.closed_loop.long_past import plants_of_forecast
 from tridentify.estimation.closed_loop.noise_driven import beside_noise
-from tridentify.estimation.closed_loop.predictor import Predictor
+from tridentify.estimation.closed_loop.predictor import Plant, Predictor
+from tridentify.estimation.closed_loop.sought import Sought
 from tridentify.estimation.closed_loop.unstable import (
     Found,
     autoregressive,
@@ -96,26 +97,33 @@ def unstable_estimate(
     say: Callable[[str], None],
 ) -> NotStable | None:
     """The estimate of a plant with a pole at zero or to the right of it; None for any other."""
-    orders = orders_of(asked.records, asked.structure)
-    if orders is None:
+    sought = Sought.of(asked.records, asked.structure)
+    if sought is None:
         return None
-    loops = [Loop(part, kind) for part in parts]
+    orders = sought.poles, sought.zeros
+    loops = [Loop(part, kind, late=sought.late, drift=sought.drift) for part in parts]
     edge = slowest(loops)
     plants = starting_plants(loops, *orders)
     # fast operators follow the samples and swing between them, where Step 2 looks; slow ones miss
-    others = [Loop(driven(one, between=kind == "sampled"), kind) for one in asked.records]
+    others = [
+        replace(loop, driven=driven(loop.record, between=kind == "sampled")) for loop in loops
+    ]
     plants += starting_plants(others, *orders)
     if not any(plant.poles.real.max() > -edge for plant in plants):
         return None
     say("a plant that is not stable")
     choose = autoregressive if coloured else None
     best = root(loops, plants, None, say)
+    if asked.structure.constrained and best is not None:
+        best = _within(sought, loops, best, plants, say)
+        if best is None or _only_integrates(sought, best.plant, edge):
+            return None
     for _ in range(MORE_ROUNDS if kind == "continuous" else 0):
         if best is None or not best.still:
             break
         renewed = [
-            Loop(beside_noise(part, left[:, None]), kind)
-            for part, left in zip(parts, best.errors, strict=True)
+            replace(loop, driven=beside_noise(part, left[:, None]))
+            for loop, part, left in zip(loops, parts, best.errors, strict=True)
         ]
         following = root(renewed, [best.plant], None, say)
         if following is None or not following.still:  # it leads astray: what was there is a root
@@ -124,14 +132,19 @@ def unstable_estimate(
     if best is not None and best.still and choose is not None:
         best = root(loops, [best.plant], choose, say)
     if best is not None and choose is not None and kind == "sampled" and _follows(loops, best):
-        other = root_in_noise(loops, plants_of_forecast(loops, *orders), choose)
+        plants = plants_of_forecast(loops, *orders)
+        if asked.structure.constrained:
+            known = sought.known(best.plant.scale)
+            plants = [sought.within(one, None, known) for one in plants]
+        other = root_in_noise(loops, plants, choose)
         best = best if other is None or other.deviance >= best.deviance else other
+    if best is not None and best.still and asked.structure.bounds:
+        best = _within_bounds(sought, loops, best, choose, say)
     if best is None or not best.still or not best.plant.poles.real.max() > -edge:
         return None
     # the errors of a predictor that runs off have no scale
-    if not best.variance > 0.0 or not np.all(
-        (np.diag(best.cov) > 0.0) & np.isfinite(np.diag(best.cov))
-    ):
+    told_apart = np.diag(best.cov)[np.any(best.plant.free, axis=1)]
+    if not best.variance > 0.0 or not np.all((told_apart > 0.0) & np.isfinite(told_apart)):
         return None
     if kind == "continuous" and coloured:
         best = with_added_up(loops, best)
@@ -140,7 +153,8 @@ def unstable_estimate(
         spread = _spread_between(loops, best, choose, say)
         grown = replace(grown, cov=grown.cov + spread)
     best = grown
-    found = estimate_of(asked, loops, best, (f"controller taken as {IN_WORDS[kind]}",))
+    words = (f"controller taken as {IN_WORDS[kind]}", *sought.in_words)
+    found = estimate_of(asked, loops, best, words)
     # its criterion is that of the mirrored predictor's errors
     mirrored = 2.0 * found.n_samples * float(np.log(best.amplification))
     return NotStable(
@@ -149,6 +163,45 @@ def unstable_estimate(
         _follows(loops, best),
         _is_unseen(best, edge),
     )
+
+
+def _within(
+    sought: Sought,
+    loops: Sequence[Loop],
+    free: Found,
+    plants: Sequence[Plant],
+    say: Callable[[str], None],
+) -> Found | None:
+    """The root along what is known, from the free one and from where that came from."""
+    known = sought.known(free.plant.scale)
+    if known.n_free == known.origin.size:
+        return free
+    begun = [sought.within(free.plant, free.cov, known)] if free.still else []
+    return root(loops, [*begun, *(sought.within(one, None, known) for one in plants)], None, say)
+
+
+def _within_bounds(
+    sought: Sought,
+    loops: Sequence[Loop],
+    best: Found,
+    choose: Callable[[Sequence[Array]], Array] | None,
+    say: Callable[[str], None],
+) -> Found | None:
+    """The root with every bound that it would exceed as an equality."""
+    reached: dict[str, float] = {}
+    found: Found | None = best
+    while found is not None and found.still and (more := sought.exceeded(found)):
+        reached |= more
+        known = sought.known(found.plant.scale, reached)
+        found = root(loops, [sought.within(found.plant, found.cov, known)], choose, say)
+    return found
+
+
+def _only_integrates(sought: Sought, plant: Plant, edge: float) -> bool:
+    """Whether poles at zero are known, and no other pole is there: as of a stable plant."""
+    known = sought.known(plant.scale)
+    others = np.roots(np.append(1.0, plant.a[: plant.a.size - known.integrators])).real
+    return bool(known.integrators) and not bool(np.any(others > -edge))
 
 
 def _follows(loops: Sequence[Loop], best: Found) -> bool:
@@ -289,7 +342,7 @@ def estimate_of(
     """
     plant, names = found.plant, asked.records[0]
     zero = np.zeros(1)
-    nuisance = []
+    nuisance, n = [], plant.a.size
     levels = found.levels or tuple(np.zeros(one.record.n_inputs) for one in loops)
     for loop, terms, level in zip(loops, found.nuisance, levels, strict=True):
         record = loop.record
@@ -299,9 +352,9 @@ def estimate_of(
         nuisance.append(
             Nuisance(
                 input_reference=np.array(record.u[0] - level),
-                offset=np.array([terms[-1] + base]),
-                drift=zero,
-                free_response=(terms[:-1] * predictor.start_numerators)[None, :],
+                offset=np.array([terms[n] + base]),
+                drift=terms[n + 1 :] / record.duration if loop.drift else zero,
+                free_response=(terms[:n] * predictor.start_numerators)[None, :],
                 offset_std=zero,
                 drift_std=zero,
                 initial_state="free",
@@ -323,12 +376,14 @@ def estimate_of(
         *words,
     )
     count = float(sum(np.isfinite(one).sum() for one in found.errors))
-    k = plant.theta.size + sum(one.size for one in found.nuisance) + 1.0 + found.noise.size
+    k = plant.free.shape[1] + sum(one.size for one in found.nuisance) + 1.0 + found.noise.size
+    delay = np.asarray(asked.structure.delay_matrix(1, len(plant.b)), dtype=float)
     solved = Solved(
-        structure=replace(asked.structure, offset=True, drift=False, initial_state="free"),
+        structure=replace(asked.structure, offset=True, drift=loops[0].drift, initial_state="free"),
         model=TransferFunction(
             [[one for one in plant.b]],
             [[np.concatenate([[1.0], plant.a])] * len(plant.b)],
+            delay=delay,
             input_names=names.input_names,
             output_names=names.output_names,
         ),

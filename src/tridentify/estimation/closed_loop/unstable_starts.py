@@ -18,7 +18,7 @@ import numpy as np
 
 from tridentify.estimation.closed_loop.between_samples import Loop
 from tridentify.estimation.closed_loop.linear_errors import linear_errors, slowest, stacked
-from tridentify.estimation.closed_loop.predictor import Plant, Predictor, recorded
+from tridentify.estimation.closed_loop.predictor import Plant, Predictor, recorded, shifted
 from tridentify.models.regression import Experiment, response_of
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.realization import cascade, denominator, monomials, sort_poles
@@ -65,8 +65,10 @@ def _difference_equation(loops: Sequence[Loop], n: int, zeros: Sequence[int]) ->
     rows, mates, target = [], [], []
     for loop in loops:
         part, y = loop.fitted, recorded(loop).y
-        signals = np.column_stack([y, loop.record.u])
-        free = np.column_stack([part.outputs[:, 0] - part.outputs[0, 0], part.inputs])
+        signals = np.column_stack([y, _acting(loop, loop.record.u)])
+        free = np.column_stack(
+            [part.outputs[:, 0] - part.outputs[0, 0], _acting(loop, part.inputs)]
+        )
         lags = [range(1, n + 1), *(range(n + 1) for _ in zeros)]
         rows.append(lagged(signals, lags, n))
         mates.append(lagged(free, lags, n))
@@ -97,6 +99,11 @@ def with_poles(loops: Sequence[Loop], poles: Complex, zeros: Sequence[int]) -> P
     return plant.with_theta(np.concatenate([a, weights[: plant.theta.size - a.size]]))
 
 
+def _acting(loop: Loop, inputs: Array) -> Array:
+    """(n_samples, n_inputs) as late as they act."""
+    return shifted(np.array(inputs), np.array(loop.late)) if loop.late else np.asarray(inputs)
+
+
 def lagged(signals: Array, lags: Sequence[range], most: int) -> Array:
     """(n_samples - most, k) lags of the signals, and a constant."""
     columns = [
@@ -119,6 +126,7 @@ def _equation_error(loops: Sequence[Loop], poles: Complex, zeros: Sequence[int])
         part = loop.fitted
         held = part.means(1, slice(0, loop.record.n_inputs + 1))
         held = held - np.column_stack([part.inputs, part.outputs])[0]
+        held[:, :-1] = _acting(loop, held[:, :-1])
         width = held.shape[1]
         experiment = Experiment(
             np.ascontiguousarray(held), np.zeros((len(held), 1)), float(loop.record.dt or 0.0),

@@ -114,6 +114,8 @@ def known_of(
     input_names: Sequence[str],
     output_names: Sequence[str],
     scale: Array | None = None,
+    *,
+    stable: bool = True,
 ) -> Knowledge:
     """Resolve what a structure says of its coefficients.
 
@@ -124,6 +126,8 @@ def known_of(
         Of the record.
     scale : (p,) array, optional
         Sizes of the coefficients.
+    stable : bool
+        Whether poles that are not at the origin are to lie in the left half plane.
 
     Raises
     ------
@@ -148,7 +152,9 @@ def known_of(
     while integrators < n and alone[n - 1 - integrators] and origin[n - 1 - integrators] == 0.0:
         integrators += 1
     known = Knowledge(names, n, origin, directions, low, high, mean, spread, integrators)
-    _refuse_contradictions(known, structure, size)
+    _refuse_contradictions(known, size)
+    if stable:
+        _refuse_unstable(known, structure, size)
     return known
 
 
@@ -321,13 +327,23 @@ def _contradict(what: str) -> None:
     )
 
 
-def _refuse_contradictions(known: Knowledge, structure: Structure, scale: Array) -> None:
-    determined, n = known.determined, known.n_poles
-    for k in np.flatnonzero(determined).tolist():
+def _refuse_contradictions(known: Knowledge, scale: Array) -> None:
+    for k in np.flatnonzero(known.determined).tolist():
         value, name = known.origin[k], known.names[k]
         slack = CONSISTENT * (abs(value) + scale[k] * RANK)
         if not known.low[k] - slack <= value <= known.high[k] + slack:
             _contradict(f"{name} = {value:g} outside its bounds")
+    if not known.n_free:
+        raise ContradictoryConstraintsError(
+            "found constraints that determine every coefficient; expected something to estimate; "
+            "drop one"
+        )
+
+
+def _refuse_unstable(known: Knowledge, structure: Structure, scale: Array) -> None:
+    determined, n = known.determined, known.n_poles
+    for k in np.flatnonzero(determined).tolist():
+        value, name = known.origin[k], known.names[k]
         if k < n - known.integrators and value <= 0.0:
             _contradict(f"{name} = {value:g}, which leaves a pole outside the left half plane")
     for k in range(n - known.integrators):
@@ -335,11 +351,6 @@ def _refuse_contradictions(known: Knowledge, structure: Structure, scale: Array)
             _contradict(f"{known.names[k]} <= {known.high[k]:g}, which leaves no stable model")
     if known.integrators and structure.static_gain is not None:
         _contradict("a static gain together with an integrator, which has none")
-    if not known.n_free:
-        raise ContradictoryConstraintsError(
-            "found constraints that determine every coefficient; expected something to estimate; "
-            "drop one"
-        )
     fixed = determined[known.moving]
     if fixed.size and fixed.all():
         roots = np.roots(np.concatenate([[1.0], known.origin[known.moving]]))
