@@ -67,6 +67,7 @@ __all__ = [
     "UnitError",
     "UnitMismatchError",
     "UnreadableFileError",
+    "UnstablePlantError",
     "UnsupportedError",
     "UnsupportedOrderError",
     "ZeroInputError",
@@ -323,6 +324,10 @@ class UnsupportedError(StructureError):
 
 class StepNotTakenError(UnsupportedError):
     """An estimate came about without the step that is asked for."""
+
+
+class UnstablePlantError(UnsupportedError):
+    """A plant that is not stable is asked for what its predictor cannot be told."""
 
 
 # --- what the data can tell ----------------------------------------------------------------------

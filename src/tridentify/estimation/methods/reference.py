@@ -60,6 +60,7 @@ from tridentify.estimation.closed_loop.known_controller import (
     refuse_unknown_loop,
 )
 from tridentify.estimation.closed_loop.moving import together_findings
+from tridentify.estimation.closed_loop.not_supported import refuse_not_stable
 from tridentify.estimation.closed_loop.recorded_input import Worked
 from tridentify.estimation.closed_loop.unstable_answer import NotStable, unstable_estimate
 from tridentify.estimation.likelihood.answer import widened_by
@@ -162,6 +163,12 @@ def reference_estimate(
         if unstable is not None:
             again = partial(reference_estimate, asked, controller, plain, near, coloured, say)
             return _or_stable(unstable, partial(again, robust=robust, only_stable=True))
+    if not loop and not only_stable:
+        again = partial(reference_estimate, asked, controller, plain, near, coloured, say)
+        among = partial(again, robust=robust, only_stable=True)
+        other = refuse_not_stable(asked, kind, robust, among, say)
+        if other is not None:
+            return other
     found = _white(parts, kind, asked.structure, plain, near, say, again=known is None)
     told, how = f"controller taken as {IN_WORDS[kind]}{taken.why}", rule
     findings: tuple[Finding, ...] = ()
