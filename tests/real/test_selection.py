@@ -6,9 +6,10 @@ excited band has. Each answer is one that an engineer who knows the plant would 
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
-from tridentify import Structure, read_record, select_structure
+from tridentify import Structure, identify, read_record, select_structure
 
 RIGHT = {
     "ATTAS, pitch rate": (
@@ -63,3 +64,29 @@ def test_the_physical_order_is_recommended(folder, name):
     assert not found.recommended.doubts
     # what was left out is predicted nearly as well as what was fitted
     assert found.recommended.cross_fit[0] > found.recommended.fit[0] - 5.0
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize(
+    ("where", "inputs", "outputs", "behaviour"),
+    [
+        ("attas-short-period", ["u_elevator"], ["y_q"], "foh"),
+        ("tclab", ["u"], ["y"], "zoh"),
+    ],
+)
+def test_each_row_is_what_identify_gives_in_any_company(folder, where, inputs, outputs, behaviour):
+    file = "data_step.csv" if where == "tclab" else "data.csv"
+    record = read_record(
+        folder(where) / file, time="t", inputs=inputs, outputs=outputs, intersample=behaviour
+    )
+    ten = [Structure(n, m) for n in (1, 2, 3, 4) for m in range(n)]
+    rows = {row.structure: row for row in select_structure(record, ten).rows}
+    for structure in ten:
+        alone = identify(record, structure, throw=False)
+        size = np.maximum(np.abs(alone.theta), np.asarray(alone.std))
+        assert np.all(np.abs(rows[structure].estimate.theta - alone.theta) <= 1e-9 * size)
+        assert rows[structure].fit == pytest.approx(alone.fit, abs=1e-9)
+    for row in select_structure(record, [ten[2], ten[5], ten[8]]).rows:
+        assert np.array_equal(row.estimate.theta, rows[row.structure].estimate.theta)
+        assert np.array_equal(row.cross_fit, rows[row.structure].cross_fit)

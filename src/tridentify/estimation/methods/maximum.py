@@ -23,7 +23,6 @@ from tridentify.estimation.likelihood.levenberg_marquardt import (
     finish,
     mean_square,
 )
-from tridentify.estimation.likelihood.open_zero import STAYED, leaves_a_zero_open
 from tridentify.estimation.likelihood.question import Question
 from tridentify.estimation.methods.base import Progress
 from tridentify.estimation.search.delays import Located
@@ -66,7 +65,7 @@ class Maximum:
         return replace(self, decisions=(*self.decisions, *words))
 
 
-def maximum(question: Question, starts: Starts, *, whole: bool = True) -> Maximum:
+def maximum(question: Question, starts: Starts) -> Maximum:
     """The lowest output error that the starts lead to.
 
     Parameters
@@ -74,15 +73,11 @@ def maximum(question: Question, starts: Starts, *, whole: bool = True) -> Maximu
     question : Question
     starts : Starts
         From `search.search`.
-    whole : bool
-        Whether another search follows also where a zero is left open at a limit.
     """
     found = decide(question, starts.seeds, starts.triangles)
     best = Maximum(found.best, found.decisions, starts.trails[found.seed], starts.tried)
     if best.end.status in SOUND:
         return best
-    if not whole and leaves_a_zero_open(best.end.point, best.end.status):
-        return best.told(STAYED)
     question.say("another search, as the end lies at a limit")
     poles, start = search_again(question.held, best.end.nuisances, best.end.point.poles)
     best = replace(best, tried=(*best.tried, start))

@@ -41,12 +41,11 @@ from tridentify.estimation.likelihood.noise_model import (
     refusal,
     residual_series,
 )
-from tridentify.estimation.likelihood.open_zero import STAYED, leaves_a_zero_open
 from tridentify.estimation.likelihood.question import Question
 from tridentify.estimation.likelihood.thresholds import CLEARLY, NEAR, RIVAL
 from tridentify.estimation.likelihood.two_weights import moved_by_weights
 from tridentify.estimation.methods.maximum import Maximum
-from tridentify.estimation.methods.turns import Turns, alternate
+from tridentify.estimation.methods.turns import Turns
 from tridentify.estimation.search.found import Starts
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.whiteness import is_white
@@ -96,7 +95,6 @@ def with_noise_model(
     found: Maximum,
     *,
     in_loop: bool = False,
-    whole: bool = True,
 ) -> Maximum:
     """Model the noise if that is asked for, or if the residual is not white.
 
@@ -112,8 +110,6 @@ def with_noise_model(
     in_loop : bool
         Whether the inputs react to the outputs: the turns then also begin with the noise of the
         predictor, which no such end has bent, and the likelier end counts.
-    whole : bool
-        Whether whitened samples are searched also where a zero is left open already.
 
     Returns
     -------
@@ -139,8 +135,6 @@ def with_noise_model(
     case = _coloured(first, asked=noise == "ar")
     if isinstance(case, str):
         return _told(found, case)
-    if not whole and not in_loop and leaves_a_zero_open(first.point, first.status):
-        return _stayed(question, found, case)
     turns = Turns(question, starts, found, case.tinted)
     if not (in_loop or case.asked or case.slow) and turns.foretold(first.point):
         return _told(found, FOLLOWED)
@@ -215,14 +209,6 @@ def _may_be_a_disturbance(end: Finished) -> bool:
 
 def _told(found: Maximum, decision: str) -> Maximum:
     return found.told(decision)
-
-
-def _stayed(question: Question, found: Maximum, case: Coloured) -> Maximum:
-    """Where the turns lead from the end with white weights, without a search."""
-    best = alternate(question, found, case.tinted, None)
-    if _is_lost(best.end, found.end):
-        return found.told(NO_MINIMUM, STAYED)
-    return best.told(_in_words(best.end.point, case), STAYED)
 
 
 def _explains(end: Finished, turns: Turns) -> bool:

@@ -38,7 +38,6 @@ from tridentify.estimation.answer.trace import Awaited, Pass
 from tridentify.estimation.likelihood.answer import Ending, estimate_from
 from tridentify.estimation.likelihood.levenberg_marquardt import Patience, Recorder
 from tridentify.estimation.likelihood.noise_model import NoiseChoice, check_noise
-from tridentify.estimation.likelihood.open_zero import STAYED, leaves_a_zero_open
 from tridentify.estimation.likelihood.question import Question, silently
 from tridentify.estimation.likelihood.raster import on_raster
 from tridentify.estimation.likelihood.thresholds import SETTLED
@@ -66,8 +65,6 @@ from tridentify.estimation.posterior.maximum_or_mean import (
     NOT_ROBUST,
     FinishChoice,
     check_finish,
-    kept_maximum,
-    mean,
     refuse_posterior,
     weigh,
 )
@@ -172,7 +169,6 @@ class ThreeModel:
         progress: Progress | None = None,
         *,
         near: Complex | None = None,
-        whole: bool = True,
     ) -> Estimate:
         """Estimate the coefficients.
 
@@ -188,10 +184,6 @@ class ThreeModel:
             not long, ends there if nothing speaks against it; the trace then ends without the
             series model. Not used by the reference route, by other losses, nor within constraints
             or where delays are estimated along.
-        whole : bool
-            Whether the search goes on, and the posterior is weighed, also where a zero is not
-            determined at the maximum (`likelihood.open_zero`), nor will be elsewhere. If not the
-            estimate is that maximum, and says so. For routes, losses and delays as of ``near``.
 
         Returns
         -------
@@ -218,17 +210,10 @@ class ThreeModel:
         if structure.constrained:
             refuse_posterior(self.finish)
             return within_constraints(self, asked, say, self.patience, noise)
-        near_them = partial(self.maximise, near=near, whole=whole)
+        near_them = partial(self.maximise, near=near)
         way = partial(over_delays, self) if structure.delay == "free" else near_them
         reached = way(with_all_rows, structure, say)
-        kept = kept_maximum(self.finish, reached, reached.scan)
-        stays = not whole and structure.delay != "free"
-        if stays and (kept is None or STAYED in reached.trace.decisions):
-            if leaves_a_zero_open(reached.point, reached.status):
-                return estimate_from(_stayed(reached), asked)
-            if STAYED in reached.trace.decisions:
-                return self.estimate(records, structure, progress, near=near)
-        return estimate_from(kept or mean(self.finish, reached, say), asked)
+        return estimate_from(self.weighed(reached, say), asked)
 
     def maximise(
         self,
@@ -238,7 +223,6 @@ class ThreeModel:
         located: Located | None = None,
         *,
         near: Complex | None = None,
-        whole: bool = True,
     ) -> Reached:
         """Steps 1 to 4 to the likelihood's maximum, and the check of the end.
 
@@ -253,8 +237,6 @@ class ThreeModel:
             Delays to take up, and how far they may go.
         near : (n,) complex array, optional
             Poles to begin from.
-        whole : bool
-            As of `estimate`.
         """
         question = Question.of(records, structure, patience=self.patience, say=say)
         if located is not None:
@@ -270,10 +252,10 @@ class ThreeModel:
         if located is not None:
             question, starts = question.freed(located.limits), starts.beside(located.place.poles)
         # Step 4: repeated on adapted operators, to the stationary point of the output error
-        best = maximum(question, starts, whole=whole)
+        best = maximum(question, starts)
         # the noise modelled where it is not white, and all steps again on whitened samples
         ended, in_loop = question.ended(best.end.point), route == "direct"
-        best = with_noise_model(noise, ended, starts, best, in_loop=in_loop, whole=whole)
+        best = with_noise_model(noise, ended, starts, best, in_loop=in_loop)
         told = Trace(_way(best, near is None), best.tried, best.decisions, best.end.why)
         reached = Reached.of(best.end, told, starts.scan, best.moved)
         return replace(reached, reacts=in_loop)
@@ -303,11 +285,6 @@ class ThreeModel:
         near = partial(OutputError, max_passes=self.max_passes, tolerance=self.tolerance)
         words = (NOT_ROBUST,) if self.finish == "posterior" else ()
         return robust_estimate(records, structure, self.loss, plain, near, say, words)
-
-
-def _stayed(reached: Reached) -> Reached:
-    """With a word that nothing else was tried, once."""
-    return reached if STAYED in reached.trace.decisions else reached.told(STAYED)
 
 
 def _way(best: Maximum, checked: bool) -> Sequence[Pass]:

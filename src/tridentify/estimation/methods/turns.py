@@ -113,14 +113,14 @@ class Turns:
     def taken(self) -> Maximum:
         """The end of the turns from that with white weights."""
         self.question.say("coloured noise")
-        return alternate(self.question, self.found, self.tinted, self.starts)
+        return _alternate(self.question, self.found, self.tinted, self.starts)
 
     def from_predictor(self, best: Maximum | None = None) -> Maximum:
         """The likelier of an end, if there is one, and of that to which the predictor leads."""
         self.question.say("coloured noise, from the predictor")
         first = tuple(one.noise for one in self.known)
         try:
-            other = alternate(self.question, self.found, self.tinted, self.starts, first)
+            other = _alternate(self.question, self.found, self.tinted, self.starts, first)
         except (TridentifyError, np.linalg.LinAlgError, FloatingPointError):
             return best or self.found
         if best is None:
@@ -150,7 +150,7 @@ class Turns:
             return best
         start = min(known, key=_criterion)
         begun = replace(best, end=replace(best.end, point=start), tried=())
-        other = alternate(self.question, begun, self.tinted, None)
+        other = _alternate(self.question, begun, self.tinted, None)
         end = other.end.point
         left = output_rss(end) > MOST_LEFT * end.problem.power * end.counts
         if other.end.status is not Status.CONVERGED or np.any(left):
@@ -205,7 +205,7 @@ class Turns:
         return found
 
 
-def alternate(
+def _alternate(
     question: Question,
     found: Maximum,
     tinted: tuple[bool, ...],

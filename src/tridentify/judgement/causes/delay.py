@@ -123,6 +123,11 @@ def neighbours(present: Present, rival: Rival) -> Iterator[Rival]:
             yield replace(near_it, starts=rival.starts)
 
 
+def is_later(present: Present, rival: Rival) -> bool:
+    """Whether a rival has another delay: an output that runs ahead moves the samples instead."""
+    return len(rival.parts) == 1 and bool(np.any(rival.parts[0].delay != present.delay))
+
+
 def shifted(present: Present, rival: Rival, steps: float) -> Rival:
     """A rival whose delay is some samples more, or less, whatever else it changes.
 

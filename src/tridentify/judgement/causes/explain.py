@@ -18,7 +18,7 @@ from tridentify.judgement.causes.both import both_rivals
 from tridentify.judgement.causes.both_ways_filtered import both_ways_rivals
 from tridentify.judgement.causes.breaks import break_rivals
 from tridentify.judgement.causes.clocks import clock_rivals
-from tridentify.judgement.causes.delay import delay_rivals, neighbours, shifted
+from tridentify.judgement.causes.delay import delay_rivals, is_later, neighbours, shifted
 from tridentify.judgement.causes.explanation import (
     AS_MUCH,
     CLEARLY,
@@ -266,6 +266,7 @@ def _late_again(found: Sequence[Explanation], present: Present, base: Attempt) -
     """One delay from the poles that one which varies led to: its own may be those of no delay."""
     wandering = [one for one in found if one.rival.exact and one.rival.code == "varying"]
     late = [one for one in found if one.rival.code == "delay" and not one.rival.exact]
+    late = [one for one in late if is_later(present, one.rival)]
     if not (late and wandering and max(wandering, key=lambda one: one.gain).is_clear):
         return []
     first = max(late, key=lambda one: one.gain).rival
@@ -305,6 +306,7 @@ def _late_in_colour(
         return None
     late = [one for one in found if one.rival.code == "delay" and one.rival.refits]
     late = [one for one in late if one.is_clear and not one.rival.exact]
+    late = [one for one in late if is_later(present, one.rival)]
     here = attempted(one("", present, "", "")) if late else None
     if here is None:
         return None

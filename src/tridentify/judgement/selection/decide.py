@@ -133,18 +133,6 @@ def decide(known: OrderEvidence, least: int = 0) -> Decision:
     return Decision(tuple(rows), tuple(contenders), verdict)
 
 
-def unfinished(known: OrderEvidence, found: Decision) -> list[int]:
-    """Rows that stayed at their maximum although the decision may rest on them.
-
-    Those recommended or likeliest, and where the likelihood asks for a pole and a zero more.
-    """
-    contenders = known.table.contenders()
-    asked = refuted(contenders, [_order(row) for row in found.rows])
-    wanted = {found.verdict.place, choose(contenders), choose(found.contenders)}
-    wanted |= {k for k, one in enumerate(asked) if one}
-    return [k for k, entry in enumerate(known.whole) if not entry.whole and k in wanted]
-
-
 def _with_more(
     rows: Sequence[SelectionRow], contenders: Sequence[Contender], place: int | None
 ) -> int | None:
@@ -192,7 +180,7 @@ def _row(
         relative_std=widest_std,
         widest=widest,
         n_coefficients=free_coefficients(estimate),
-        identified=entry.whole,
+        identified=True,
         ok=estimate.status.ok,
     )
     if criteria is None or maximum is None:

@@ -43,7 +43,6 @@ from tridentify.estimation.likelihood.levenberg_marquardt import (
 )
 from tridentify.estimation.likelihood.noise_model import MOSTLY
 from tridentify.estimation.likelihood.nuisance import Nuisances, candidates
-from tridentify.estimation.likelihood.open_zero import STAYED
 from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.likelihood.question import Question
 from tridentify.estimation.likelihood.raster import are_even
@@ -86,8 +85,7 @@ class CandidateTask:
 
     ``shared`` says that it can be finished from ``seeds``; otherwise ``method`` identifies it.
     Where a candidate comes to ``reach``, the AICc of the parallel model, there is nothing left to
-    search for. ``found`` is what ``method`` gave where it was asked already. ``whole`` says that
-    the method goes to its end also where its maximum shows that a zero is not determined.
+    search for. ``found`` is what ``method`` gave where it was asked already.
     """
 
     records: tuple[Record, ...]
@@ -99,15 +97,13 @@ class CandidateTask:
     search: bool = True
     reach: float = -np.inf
     found: Estimate | None = None
-    whole: bool = True
 
 
 @dataclass(frozen=True, eq=False)
 class Entry:
     """What became of a candidate: an estimate with its residuals, or the reason why not.
 
-    ``longest`` is the duration of the longest experiment [s]; ``whole`` is as of the task, and
-    true where the method came to its end all the same.
+    ``longest`` is the duration of the longest experiment [s].
     """
 
     structure: Structure
@@ -117,7 +113,6 @@ class Entry:
     poles: Complex | None = None
     shared: bool = True
     longest: float = 1.0
-    whole: bool = True
 
 
 def run_task(task: CandidateTask) -> Entry:
@@ -134,17 +129,11 @@ def run_task(task: CandidateTask) -> Entry:
         reason = str(error).partition("\n")[0] or type(error).__name__
         return Entry(task.structure, None, reason, shared=task.shared)
     longest = max(record.duration for record in task.records)
-    whole = STAYED not in estimate.trace.decisions
-    return Entry(task.structure, estimate, "", residuals, poles, task.shared, longest, whole)
+    return Entry(task.structure, estimate, "", residuals, poles, task.shared, longest)
 
 
 def _identified(task: CandidateTask) -> Estimate:
-    if task.found is not None:
-        return task.found
-    method = task.method
-    if isinstance(method, ThreeModel) and method.finish == "auto":
-        return method.estimate(task.records, task.structure, whole=task.whole)
-    return method.estimate(task.records, task.structure)
+    return task.found or task.method.estimate(task.records, task.structure)
 
 
 def _finished(task: CandidateTask) -> tuple[Estimate, Complex]:

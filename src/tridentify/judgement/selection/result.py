@@ -65,9 +65,7 @@ class SelectionRow:
     deviance : float
         ``-2 log L`` without constants.
     identified : bool
-        Whether ``estimate`` is what `identify` gives for ``structure``, to the last bit. Else it is
-        the likelihood's maximum, where a zero is not determined, and from where `identify` searches
-        on and weighs the posterior; such a row is never recommended.
+        Whether ``estimate`` is what `identify` gives for ``structure``, to the last bit.
     ok : bool
         Whether the estimate is usable.
     """

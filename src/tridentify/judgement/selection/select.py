@@ -9,10 +9,6 @@ candidates are finished once more, from where each ended, on the maximum of one 
 noise model and the same nuisance terms (`contest`); there they share their work: the parallel model
 is fitted once (`shared`) and gives all of them further starts, and local minima show by comparison
 with lesser candidates.
-
-Where a zero of a candidate is not determined at its maximum, `identify` would search on and weigh
-the posterior, which takes longer than all the rest and says so once more. Such a row stays at the
-maximum, and says so, unless the likelihood asks for it or it would be recommended (`unfinished`).
 """
 
 from __future__ import annotations
@@ -39,7 +35,6 @@ from tridentify.judgement.selection.decide import (
     decide,
     follows_input,
     misleads,
-    unfinished,
 )
 from tridentify.judgement.selection.finish_candidates import CandidateTask, Entry, run_task, seeded
 from tridentify.judgement.selection.hankel import Hankel, hankel_values
@@ -56,7 +51,7 @@ from tridentify.judgement.selection.result import Selection, SelectionRow
 from tridentify.judgement.selection.settle import having_said, resettled, resettled_again, settle
 from tridentify.judgement.selection.shared import Shared, shared_models
 from tridentify.judgement.selection.table import SelectionTable, table_of
-from tridentify.judgement.selection.words import in_words, notes, whose
+from tridentify.judgement.selection.words import in_words, notes
 from tridentify.numerics.arrays import Complex
 from tridentify.numerics.executor import Executor
 from tridentify.numerics.threads import one_blas_thread
@@ -258,60 +253,36 @@ class _Work:
         if self.free:
             asked = integrating(evidence.rows(), self.records)
             evidence = self._with(evidence, asked, "candidates with a pole at zero", unseen)
-        evidence, found = self._decided(evidence, unseen)
+        found = decide(evidence)
         if self.free:
             asked = drifting(found.rows, found.verdict.place, self.records)
             evidence = self._with(evidence, asked, "candidates with a drift", unseen)
-            evidence, found = self._decided(evidence, unseen) if asked else (evidence, found)
+            found = decide(evidence) if asked else found
         if self.late and isinstance(self.method, ThreeModel):
             self.say("whether a delay is missing")
             asked = delayed(found.rows, found.verdict.place, self.records)
             evidence = self._with(evidence, asked, "candidates with a delay", unseen)
-            evidence, found = self._decided(evidence, unseen) if asked else (evidence, found)
-        evidence, rows, found, hankel = self._concluded(evidence, found, unseen)
+            found = decide(evidence) if asked else found
+        rows, found, hankel = self._concluded(evidence, found)
         asked = direct_and_delayed(rows, found.verdict.place, self.records) if self.late else []
         if asked and isinstance(self.method, ThreeModel):
             said = "candidates with a delay and as many zeros as poles"
             evidence = self._with(evidence, asked, said, unseen)
-            evidence, found = self._decided(evidence, unseen)
-            evidence, rows, found, hankel = self._concluded(evidence, found, unseen)
+            rows, found, hankel = self._concluded(evidence, decide(evidence))
         place, table = found.verdict.place, evidence.table
         missed = place is not None and self._missed(evidence.whole[place])
         coloured = place is not None and misleads(evidence.whole[place], self.records)
         reason = in_words(rows, found.contenders, found.verdict, missed, coloured)
-        told = (*told, *notes(table.noise, bool(unseen)), whose(rows))
+        told = (*told, *notes(table.noise, bool(unseen)))
         return Selection(tuple(rows), None if place is None else rows[place], reason, hankel, told)
 
-    def _decided(
-        self, known: OrderEvidence, unseen: tuple[Record, ...], least: int = 0
-    ) -> tuple[OrderEvidence, Decision]:
-        """The decision, the rows that it rests on carried to their end."""
-        found = decide(known, least)
-        while places := unfinished(known, found):
-            known = self._carried_on(known, places, unseen)
-            found = decide(known, least)
-        return known, found
-
-    def _carried_on(
-        self, known: OrderEvidence, places: Sequence[int], unseen: tuple[Record, ...]
-    ) -> OrderEvidence:
-        """The same with rows carried to their end."""
-        asked = [known.structures[k] for k in places]
-        tasks = [CandidateTask(self.records, one, self.method, shared=False) for one in asked]
-        ends = self.counted(run_task, tasks, "rows that stayed at their maximum")
-        held = self._held_out(ends, asked, unseen)
-        whole, errors = list(known.whole), list(known.held)
-        for k, end, own in zip(places, ends, held, strict=True):
-            whole[k], errors[k] = replace(end, whole=True), own
-        return replace(known, whole=tuple(whole), held=tuple(errors))
-
     def _concluded(
-        self, evidence: OrderEvidence, found: Decision, unseen: tuple[Record, ...]
-    ) -> tuple[OrderEvidence, list[SelectionRow], Decision, Hankel | None]:
+        self, evidence: OrderEvidence, found: Decision
+    ) -> tuple[list[SelectionRow], Decision, Hankel | None]:
         """Also by poles that rise above the noise and by what bends; the row with all it says."""
         hankel = self._hankel(evidence.table, found.verdict.place)
         if hankel is not None:
-            evidence, again = self._decided(evidence, unseen, hankel.order)
+            again = decide(evidence, hankel.order)
             if again.verdict.place != found.verdict.place:
                 found = again
                 hankel = self._hankel(evidence.table, again.verdict.place)
@@ -325,7 +296,7 @@ class _Work:
         rows, place = list(found.rows), found.verdict.place
         if place is not None:
             rows[place] = self._judged(rows[place])
-        return evidence, rows, found, hankel
+        return rows, found, hankel
 
     def _held_out(
         self, whole: Sequence[Entry], asked: Sequence[Structure], unseen: tuple[Record, ...]
@@ -407,7 +378,7 @@ class _Work:
         ids = [id(task.structure) for task in tasks]
         found = {k: known[own] for k, own in enumerate(ids) if own in known}
         wanted = [k for k, task in enumerate(tasks) if task.shared and k not in found]
-        alone = [replace(tasks[k], shared=False, whole=False) for k in wanted]
+        alone = [replace(tasks[k], shared=False) for k in wanted]
         return found | dict(
             zip(wanted, self.counted(run_task, alone, "the whole search for each"), strict=True)
         )

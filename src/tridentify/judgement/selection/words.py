@@ -85,20 +85,8 @@ def notes(models: Sequence[tuple[Array, ...]], unseen: bool) -> tuple[str, ...]:
             "held-out: fit of blocks of the record that were left out in turn, offset and initial "
             "state fitted to the whole record"
         )
+    told.append("fit and coefficients of every row are those that identify gives for it alone")
     return tuple(told)
-
-
-def whose(rows: Sequence[SelectionRow]) -> str:
-    """Whose fit and coefficients the rows show: which of them were not carried to their end."""
-    own = "those that identify gives for it alone"
-    labels = [row.label for row in rows if row.estimate is not None and not row.identified]
-    if not labels:
-        return f"fit and coefficients of every row are {own}"
-    return (
-        f"fit and coefficients of a row are {own}; of ({'), ('.join(labels)}) those of the "
-        "likelihood's maximum, at which a zero is not determined: from there identify searches on, "
-        "and weighs the posterior"
-    )
 
 
 def _within(rows: Sequence[SelectionRow], verdict: Verdict) -> str:
