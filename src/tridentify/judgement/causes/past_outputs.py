@@ -15,7 +15,8 @@ What is linear and finite about a forecast makes exceptions, and each is kept ou
   in one half of a record must forecast the other one, both ways: a controller stays what it is.
 * Of an input that is not held, or measured with noise, an output knows what its samples do not say.
   Then outputs to come know far more of it, as the plant answers after it, and past ones must tell
-  half as much.
+  a good half of that. The output of the same sample does not count: a controller that acts at once
+  answers to it.
 
 References: C. Granger, Econometrica 37 (1969) 424-438.
 """
@@ -71,7 +72,7 @@ LEAST_SHARE = 0.03
 """Of the surprises that past outputs must explain: the smallest imperfection of a long record is
 significant, and means nothing."""
 
-OF_COMING = 0.5
+OF_COMING = 0.6
 """Share of the surprises that past outputs explain, over that which as many to come do, from which
 an output tells what it does to the input, and not what the input does between its samples."""
 
@@ -194,7 +195,7 @@ def _columns(inputs: Inputs, output: int, input_: int) -> tuple[Array, ...]:
     records = inputs.records
     count = sum(record.n_samples for record in records)
     most = max(1, min(PAST_INPUTS, count // (PER_INPUT * records[0].n_inputs)))
-    first, ahead = max(most, PAST_OUTPUTS), range(0, -PAST_OUTPUTS, -1)
+    first, ahead = max(most, PAST_OUTPUTS), range(-1, -PAST_OUTPUTS, -1)
     level, parts = np.eye(len(records)), []
     for e, (record, own) in enumerate(zip(records, inputs.surprises, strict=True)):
         u = record.u - np.median(record.u, axis=0)
