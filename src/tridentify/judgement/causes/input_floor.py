@@ -61,7 +61,7 @@ FOLLOWS = 0.05
 BEYOND = 1.5
 """Times the edge of a floor, beyond which an input that is smooth has nothing of its own left."""
 
-FAR_BELOW = 0.3
+FAR_BELOW = 0.45
 """Edge of a floor up to which an input is smooth for certain."""
 
 PAST = 3
