@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter, lsim
 
-from tridentify import Record, advise
+from tridentify import OutputError, Record, Structure, advise, identify
 from tridentify.judgement.causes.past_outputs import told_by_past
+from tridentify.judgement.direct import about_direct
 from tridentify.judgement.selection.paired import Unseen
 from tridentify.judgement.selection.rule import Trial, recommend
 
@@ -66,6 +67,63 @@ def test_advice_tells_of_a_plant_that_is_held() -> None:
     found = [one for one in advise(held_by_a_servo(1)).findings if one.code == "feedback"]
     assert [one.severity for one in found] == ["warning"]
     assert "Past samples of y tell" in found[0].message
+
+
+def held_by_samples(seed: int, n: int = 400) -> Record:
+    """A magnet that would fall, held by a controller that acts on every sample at once."""
+    rng = np.random.default_rng(seed)
+    dt, fine = 0.005, 5
+    h, place, speed, force, before = dt / fine, 0.0, 0.0, 0.0, 0.0
+    u, y = np.zeros(n), np.zeros(n)
+    for k in range(n):
+        y[k] = place + 0.0002 * rng.standard_normal()
+        error = 0.05 * np.sin(0.05 * k) - y[k]
+        u[k] = -1.3 * error + 0.055 * (y[k] - before) / dt
+        before = y[k]
+        for _ in range(fine):
+            force = 0.99 * force + 0.1 * rng.standard_normal()
+            place, speed = place + h * speed, speed + h * (350.0 * place - 600.0 * u[k] + force)
+    return Record(u, y, dt=dt)
+
+
+def test_an_output_that_a_controller_answers_at_once_does_not_hide_it() -> None:
+    assert told_by_past([held_by_samples(1)])[0] is not None
+
+
+def test_a_smooth_input_on_a_floor_of_noise_is_not_asked() -> None:
+    rng = np.random.default_rng(4)
+    n, fine = 800, 10
+    t = np.arange(n * fine) * DT / fine
+    u = rng.standard_normal(t.size)
+    for _ in range(3):
+        u = lfilter([0.02], [1.0, -0.98], u)
+    y = lsim(([1.0], [1.0, 1.0]), u, t)[1][::fine]
+    measured = u[::fine] + 0.1 * np.std(u) * rng.standard_normal(n)
+    assert told_by_past([Record(measured, y, dt=DT, intersample="foh")]) == [None]
+
+
+def test_of_a_held_plant_an_open_loop_model_is_an_error() -> None:
+    record = held_by_a_servo(1)
+    model = OutputError().estimate([record], Structure(1, 0))
+    (found,) = about_direct((), model, [record])
+    assert (found.code, found.severity) == ("feedback", "error")
+    assert "controller, backwards" in found.effect
+    # a reference says what else moved the input
+    known = Record(record.u, record.y, dt=DT, intersample="foh", reference=np.sin(record.t))
+    assert about_direct((), model, [known]) == ()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(20, 22))
+def test_identify_takes_the_direct_route_to_a_plant_that_is_held(seed: int) -> None:
+    record = held_by_a_servo(seed)
+    if told_by_past([record]) == [None]:
+        pytest.skip("such a loop moves too little to tell in one of eight")
+    found = identify(record, (2, 0), throw=False)
+    gain = found.parameters["b0"]
+    assert found.route == "direct"
+    assert [one.code for one in found.findings].count("feedback") == 1
+    assert abs(gain.value - GAIN) < 3.5 * gain.std < GAIN
 
 
 def test_what_explains_nothing_is_not_recommended_beside_what_explains_much() -> None:

@@ -4,6 +4,11 @@ The noise gets a model in any case. Innovations are independent of past inputs w
 controller acts, so that the maximum of the likelihood is where it would be without one, as long as
 plant and noise are what they are taken for (Ljung 1999, section 13.4). That is what is checked, and
 how much hangs on it is said: by how much coefficients differ from those with white weights.
+
+Of a plant that is held, the best model by simulation may be none at all (the controller backwards,
+or a stable stand-in), with a residual in which no feedback shows. Then past outputs tell what the
+input does next (`causes.past_outputs`), or a short linear law of outputs does
+(`causes.told_apart`), and the direct route is taken for that.
 """
 
 from __future__ import annotations
@@ -16,7 +21,7 @@ import numpy as np
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate
-from tridentify.estimation.answer.finding import Finding
+from tridentify.estimation.answer.finding import Finding, ranked
 from tridentify.estimation.answer.trace import BETWEEN_DECIDES, NO_END_TOGETHER
 from tridentify.estimation.likelihood.answer import widened_by
 from tridentify.estimation.likelihood.question import silently
@@ -28,7 +33,15 @@ from tridentify.estimation.methods.output_error import OutputError
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.causes.feedback import Inputs, misses
 from tridentify.judgement.causes.fewer import NO_RESPONSE, foretold
-from tridentify.judgement.validation.assess import looked_at, may_react_at_all, own_look
+from tridentify.judgement.causes.first_samples import beginning
+from tridentify.judgement.causes.past_outputs import Told, told_by_past, told_finding
+from tridentify.judgement.causes.told_apart import laws, told_apart
+from tridentify.judgement.validation.assess import (
+    LONGEST_LOOK,
+    looked_at,
+    may_react_at_all,
+    own_look,
+)
 from tridentify.judgement.validation.residuals import Output, View, root_of
 from tridentify.judgement.validation.verdict import NO_CONTROLLER
 from tridentify.numerics.arrays import Array
@@ -52,6 +65,11 @@ stable alike."""
 KNOWN = (
     "record what the controller was told to follow and give it as reference, open the loop, or "
     "add a test signal that is large against the feedback."
+)
+
+BACKWARDS = (
+    "Without a model of the noise these may be the numbers of the controller, backwards, or of a "
+    "stand-in."
 )
 
 NOT_EXPLAINED = 1e-4
@@ -91,12 +109,38 @@ def directly(
         return None
     if method.noise == "white" or method.loss != "squared" or estimate.route != "open-loop":
         return None
-    if not may_react_at_all(estimate, records):
+    reacts = may_react_at_all(estimate, records) and any(
+        finding.code == CODE for finding in looked_at(estimate, records)
+    )
+    seen = "the input reacts to the output" if reacts else _held(estimate, records)
+    if not seen:
         return None
-    if not any(finding.code == CODE for finding in looked_at(estimate, records)):
-        return None
-    why = "the input reacts to the output, and no reference says what else moved it"
+    why = f"{seen}, and no reference says what else moved it"
     return _by_direct_route(method, records, structure, progress, why)
+
+
+def _held(estimate: Estimate, records: Sequence[Record]) -> str:
+    """What shows that a controller moves an input where no residual does; empty for nothing."""
+    names = estimate.input_names
+    for told in _told(records):
+        if told is not None:
+            return f"past outputs tell what {names[told.input]} does next"
+    shape = len(estimate.output_names), len(names)
+    poles = estimate.structure.poles_matrix(*shape)
+    proper = not np.any(np.array(poles) == np.array(estimate.structure.zeros_matrix(*shape)))
+    if not (proper and all(one.dt and one.behaviour == "zoh" for one in records)):
+        return ""  # an output that answers at once tells its input as well
+    for law in laws(records):
+        if law.lags is not None and told_apart(law, int(np.max(poles))):
+            return f"a short law of outputs tells {names[law.input]}"
+    return ""
+
+
+def _told(records: Sequence[Record]) -> list[Told | None]:
+    """Which input the past of each output tells, in what every estimate is judged by."""
+    if any(one.dt is None or one.reference is not None for one in records):
+        return []
+    return told_by_past([beginning(one, LONGEST_LOOK) for one in records])
 
 
 def _by_direct_route(
@@ -244,7 +288,9 @@ def _shared(output: Output) -> Array:
 def about_direct(
     findings: Sequence[Finding], estimate: Estimate, records: Sequence[Record]
 ) -> tuple[Finding, ...]:
-    """Findings of an estimate by the direct route, with what hangs on the model of the noise.
+    """Findings of an estimate, with feedback that past outputs alone show.
+
+    By the direct route, with what hangs on the model of the noise.
 
     Parameters
     ----------
@@ -253,6 +299,8 @@ def about_direct(
     records : sequence of Record
         Those that were identified.
     """
+    told = [] if any(one.code == CODE for one in findings) else _of_past(estimate, records)
+    findings = ranked([*findings, *told]) if told else findings
     if estimate.route != "direct":
         return tuple(findings)
     doubted = _decided(estimate, NOT_INDEPENDENT)
@@ -282,6 +330,20 @@ def about_direct(
         found.append(_alone(estimate))
     order = sorted(found, key=lambda one: one.severity != "error")
     return tuple(order)
+
+
+def _of_past(estimate: Estimate, records: Sequence[Record]) -> list[Finding]:
+    """Feedback that past outputs show: an error of what is taken for an open loop."""
+    if estimate.route == "reference":
+        return []
+    found = [
+        told_finding(one, estimate.input_names, name)
+        for one, name in zip(_told(records), estimate.output_names, strict=False)
+        if one is not None
+    ]
+    if estimate.route == "direct":
+        return found
+    return [replace(one, severity="error", effect=BACKWARDS) for one in found]
 
 
 def predictor_findings(estimate: Estimate, records: Sequence[Record]) -> tuple[Finding, ...]:

@@ -61,6 +61,9 @@ FOLLOWS = 0.05
 BEYOND = 1.5
 """Times the edge of a floor, beyond which an input that is smooth has nothing of its own left."""
 
+FAR_BELOW = 0.45
+"""Edge of a floor up to which an input is smooth for certain."""
+
 PAST = 3
 """Samples of outputs that may tell it."""
 
@@ -155,6 +158,17 @@ def floors(records: Sequence[Record], j: int) -> list[Floor] | None:
 def may_carry_noise(records: Sequence[Record]) -> bool:
     """Whether any input has a floor that may be noise of its sensor."""
     return any(floors(records, j) is not None for j in range(records[0].n_inputs))
+
+
+def carries_noise(records: Sequence[Record], j: int) -> bool:
+    """Whether an input that is smooth far below its band has a floor that follows no output.
+
+    Outputs then know what its samples do not say.
+    """
+    return any(
+        own.size > 0.0 and own.edge < FAR_BELOW and not _follows(record, j, BEYOND * own.edge)
+        for record, own in zip(records, floors(records, j) or (), strict=False)
+    )
 
 
 def floor_rivals(present: Present) -> Iterator[Rival]:

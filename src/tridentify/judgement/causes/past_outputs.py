@@ -12,10 +12,12 @@ What is linear and finite about a forecast makes exceptions, and each is kept ou
   moves are left out: only the small ones are forecast.
 * A sweep or a sum of many sines is told by an output that remembers more of it than the lags do.
   Twice as many lags must leave what it tells, and not tell clearly more than it; and what is found
-  in one half of a record must forecast the other one, both ways: a controller stays what it is.
+  in each half of a record must forecast the other one, taken together: a controller stays what it
+  is.
 * Of an input that is not held, or measured with noise, an output knows what its samples do not say.
   Then outputs to come know far more of it, as the plant answers after it, and past ones must tell
-  half as much.
+  a good half of that. A smooth one on a floor of noise that follows no output is not asked. The
+  output of the same sample does not count: a controller that acts at once answers to it.
 
 References: C. Granger, Econometrica 37 (1969) 424-438.
 """
@@ -29,6 +31,7 @@ import numpy as np
 
 from tridentify.estimation.answer.finding import Finding
 from tridentify.judgement.causes.feedback import Inputs
+from tridentify.judgement.causes.input_floor import carries_noise
 from tridentify.judgement.causes.surprises import moved
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.lagrange import added, span
@@ -71,7 +74,7 @@ LEAST_SHARE = 0.03
 """Of the surprises that past outputs must explain: the smallest imperfection of a long record is
 significant, and means nothing."""
 
-OF_COMING = 0.5
+OF_COMING = 0.6
 """Share of the surprises that past outputs explain, over that which as many to come do, from which
 an output tells what it does to the input, and not what the input does between its samples."""
 
@@ -126,8 +129,9 @@ def told_by_past(records: Sequence[Record]) -> list[Told | None]:
     if inputs.commanded:
         return nothing
     found = nothing
+    asked = [j for j in range(n_inputs) if not carries_noise(records, j)]
     for i in range(n_outputs):
-        seen = [_told(inputs, i, j, n_outputs * n_inputs) for j in range(n_inputs)]
+        seen = [_told(inputs, i, j, n_outputs * n_inputs) for j in asked]
         clear = [one for one in seen if one is not None]
         found[i] = min(clear, key=lambda one: one.p_value, default=None)
     return found
@@ -179,14 +183,13 @@ def _told(inputs: Inputs, output: int, input_: int, pairs: int) -> Told | None:
 def _lasts(now: Array, before: Array, basis: Array) -> bool:
     """Whether what past outputs tell in each half of the samples holds in the other one."""
     left, columns = now - basis @ (basis.T @ now), before - basis @ (basis.T @ before)
-    middle = now.size // 2
+    middle, gained = now.size // 2, 0.0
     halves = (slice(0, middle), slice(middle, None))
     for own, other in (halves, halves[::-1]):
         slopes = np.linalg.lstsq(columns[own], left[own], rcond=None)[0]
         missed = left[other] - columns[other] @ slopes
-        if missed @ missed >= left[other] @ left[other]:
-            return False
-    return True
+        gained += 1.0 - (missed @ missed) / max(left[other] @ left[other], 1e-300)
+    return bool(gained > 0.0)
 
 
 def _columns(inputs: Inputs, output: int, input_: int) -> tuple[Array, ...]:
@@ -194,7 +197,7 @@ def _columns(inputs: Inputs, output: int, input_: int) -> tuple[Array, ...]:
     records = inputs.records
     count = sum(record.n_samples for record in records)
     most = max(1, min(PAST_INPUTS, count // (PER_INPUT * records[0].n_inputs)))
-    first, ahead = max(most, PAST_OUTPUTS), range(0, -PAST_OUTPUTS, -1)
+    first, ahead = max(most, PAST_OUTPUTS), range(-1, -PAST_OUTPUTS, -1)
     level, parts = np.eye(len(records)), []
     for e, (record, own) in enumerate(zip(records, inputs.surprises, strict=True)):
         u = record.u - np.median(record.u, axis=0)

@@ -163,6 +163,7 @@ TO_BE_KNOWN = (
     "order-high",
     "no-response",
     "tone",
+    "feedback",
 )
 """Of the estimate, on its own record: to be known, and mostly no objection to the model."""
 
