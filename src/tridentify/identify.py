@@ -14,6 +14,7 @@ from tridentify.errors import (
     UnsupportedOrderError,
 )
 from tridentify.estimation.answer.assemble import fingerprint
+from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.answer.estimate import Estimate, Status
 from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.machine_code import ready
@@ -306,7 +307,9 @@ def _of_chosen_order(
     # rows with a delay or an integrator have joined where the record called for them
     plain = (one.structure for one in selection.rows if not one.structure.constrained)
     tried = sum(one.delay == wanted.template.delay for one in plain)
-    told = f"poles, zeros = {row.label} chosen of {tried} candidates: {selection.reason}"
+    told = DecisionKind.ORDERS_CHOSEN.told(
+        f" {row.label} chosen of {tried} candidates: {selection.reason}"
+    )
     estimate, left_open = row.estimate, any(record.intersample == "auto" for record in records)
     if left_open and row.structure.delay == "free":
         # held for half an interval is late by as much: what was said without a delay is no matter

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tridentify import OutputError, Record, Structure, TransferFunction, identify, simulate
+from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.judgement.cautions import judged
 
 
@@ -33,7 +34,7 @@ def test_other_delays_are_a_caution():
     y = simulate(TransferFunction([2.0], [1.0, 2.0]), Record(u, u, dt=0.1))[:, 0]
     record = Record(u, y + 0.05 * rng.standard_normal(u.size), dt=0.1)
     estimate = identify(record, Structure(1, 0), OutputError())
-    told = "other delays explain the record almost as well: 0.8 s (12 %)"
+    told = DecisionKind.OTHER_DELAYS.told(": 0.8 s (12 %)")
     trace = replace(estimate.trace, decisions=(told,))
     (one,) = [f for f in judged(replace(estimate, trace=trace), [record]) if "0.8 s" in f.text]
     assert one.message.startswith("Other delays explain")

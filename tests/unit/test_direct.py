@@ -16,11 +16,11 @@ from tridentify import (
     identify,
     simulate,
 )
-from tridentify.estimation.answer.trace import FAR_LIKELIER
+from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.methods.predictor import predictor_noise
 from tridentify.judgement.causes.feedback import GUARD, Inputs, by_predictor
 from tridentify.judgement.cautions.residual import far_likelier
-from tridentify.judgement.direct import NOT_INDEPENDENT, widened
+from tridentify.judgement.direct import widened
 
 PLANT, COLOUR, DT = loops.System.of([1.0], [1.0, 1.0]), 0.9, 0.2
 TRUTH = np.array([1.0, 1.0])
@@ -180,7 +180,7 @@ def test_a_reaction_shows_in_what_the_predictor_leaves():
 @pytest.mark.unjudged
 def test_asked_for_open_loop_an_end_that_is_far_likelier_is_told_not_taken():
     held = ThreeModel(route="open-loop").estimate([position_loop(1)], Structure(2, 0))
-    (told,) = [one for one in held.trace.decisions if one.startswith(FAR_LIKELIER)]
+    (told,) = held.trace.about(DecisionKind.FAR_LIKELIER)
     assert [f.severity for f in far_likelier(held)] == ["error"]
     assert "standard errors" in told
     assert held.fit[0] > 0.0
@@ -219,8 +219,8 @@ def test_errors_reach_as_far_as_white_noise_where_the_innovations_hold_the_past(
     record, integrating = rubbing_drive(4), Structure(2, 0, fixed={"a0": 0.0})
     plain = ThreeModel(route="direct").estimate([record], integrating)
     wider = widened(plain, [record])
-    assert any(one.startswith(NOT_INDEPENDENT) for one in wider.trace.decisions)
+    assert wider.trace.about(DecisionKind.NOT_INDEPENDENT)
     white = identify(record, integrating, ThreeModel(noise="white", route="open-loop"))
     assert np.all(wider.std >= 0.9 * np.abs(white.theta - wider.theta))
     assert wider.std[-1] > 1.5 * plain.std[-1]
-    assert not any(one.startswith(NOT_INDEPENDENT) for one in found.trace.decisions)
+    assert not found.trace.about(DecisionKind.NOT_INDEPENDENT)

@@ -18,8 +18,8 @@ from tridentify import (
     validate,
 )
 from tridentify.data import short_period
+from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.answer.finding import FEWER, Finding, joined
-from tridentify.estimation.answer.trace import FAR_LIKELIER, RESPONSE_AS_NOISE, SLOW_AS_NOISE
 from tridentify.estimation.answer.trust import class_of
 from tridentify.judgement.cautions.residual import response_as_noise
 from tridentify.report.html import report_page, settled
@@ -174,7 +174,7 @@ def test_a_noise_model_that_was_at_hand_and_not_kept_is_no_advice():
     estimate = identify(record, Structure(2, 0), free, throw=False)
     advice = [f.remedy for f in validate(estimate, record).findings if f.code == "drift"]
     assert any("noise='ar'" in one for one in advice)
-    told = f"{FAR_LIKELIER} by up to 27 standard errors (AICc lower by 48)"
+    told = DecisionKind.FAR_LIKELIER.told(" by up to 27 standard errors (AICc lower by 48)")
     decisions = (*estimate.trace.decisions, told)
     kept = replace(estimate, trace=replace(estimate.trace, decisions=decisions))
     found = [f for f in validate(kept, record).findings if f.code == "drift"]
@@ -196,20 +196,20 @@ def test_a_noise_model_that_was_tried_and_declined_is_no_advice_for_colour():
 
     assert "noise='ar'" in advice(estimate)
     why = "on whitened samples there was no usable minimum"
-    decisions = (*estimate.trace.decisions, f"noise taken as white: {why}")
+    decisions = (*estimate.trace.decisions, DecisionKind.NOISE_TAKEN_AS_WHITE.told(f": {why}"))
     kept = replace(estimate, trace=replace(estimate.trace, decisions=decisions))
     assert "noise='ar'" not in advice(kept)
     assert why in advice(kept)
 
 
-@pytest.mark.parametrize("known", [RESPONSE_AS_NOISE, SLOW_AS_NOISE])
+@pytest.mark.parametrize("known", [DecisionKind.RESPONSE_AS_NOISE, DecisionKind.SLOW_AS_NOISE])
 def test_that_white_weights_follow_better_is_told_only_of_what_follows_worse(known):
     """A constraint makes another end of the one that was compared with white weights."""
     estimate = identify(spoiled("squared")[1], Structure(2, 0))
     fit = float(estimate.fit[0])
 
     def told(white):
-        line = f"{known}: fit 20.0 % where white weights reach {white:.1f} %"
+        line = known.told(f": fit 20.0 % where white weights reach {white:.1f} %")
         trace = replace(estimate.trace, decisions=(line,))
         return [one.code for one in response_as_noise(replace(estimate, trace=trace))]
 

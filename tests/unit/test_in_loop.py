@@ -10,14 +10,14 @@ import pytest
 from scipy.optimize import least_squares
 
 from tridentify import Estimate, Record, Structure, ThreeModel, identify
-from tridentify.estimation.answer.trace import BETWEEN_DECIDES
+from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.closed_loop.as_recorded import foretold
 from tridentify.estimation.closed_loop.joint import Together, descended
 from tridentify.estimation.closed_loop.predictor import Plant
 from tridentify.estimation.closed_loop.settled import together
 from tridentify.estimation.closed_loop.unstable_answer import open_loops
 from tridentify.estimation.closed_loop.unstable_starts import starting_plants
-from tridentify.estimation.methods.in_loop import NOT_HELD, RESTS_ON_HELD, found_together
+from tridentify.estimation.methods.in_loop import NOT_HELD, found_together
 
 NEARLY_ZERO = 1e-6
 
@@ -159,7 +159,7 @@ def confident_and_wrong(drawn: loops.Drawn) -> tuple[bool, bool]:
     """Whether an estimate is plainly wrong, and whether that is said."""
     estimate = identify(drawn.record, drawn.structure, throw=False)
     wrong = is_wrong(estimate, drawn)
-    decides = any(one.startswith(BETWEEN_DECIDES) for one in estimate.trace.decisions)
+    decides = bool(estimate.trace.about(DecisionKind.BETWEEN_DECIDES))
     told = any(f.severity == "error" and f.code == "feedback" for f in estimate.findings)
     assert told or not decides
     return wrong, told
@@ -176,7 +176,7 @@ def said_to_be_held(seed: int, sampled: bool, n: int = 200, snr: float = 30.0) -
 
 def told_of_between(estimate: Estimate) -> list[str]:
     """Severities of findings that say that coefficients hang on the input between its samples."""
-    told = (RESTS_ON_HELD[1:], BETWEEN_DECIDES)
+    told = (DecisionKind.RESTS_ON_HELD.value[1:], DecisionKind.BETWEEN_DECIDES.value)
     return [
         one.severity
         for one in estimate.findings
@@ -241,7 +241,7 @@ def test_a_record_taken_as_held_is_tried_as_moving_between_its_samples(seed):
     record = Record(drawn.record.u, drawn.record.y, dt=drawn.record.dt, intersample="zoh")
     estimate = ThreeModel(route="direct").estimate([record], drawn.structure)
     found = found_together(estimate, [record], stated=False)
-    assert any(one.startswith(BETWEEN_DECIDES) for one in found.trace.decisions)
+    assert found.trace.about(DecisionKind.BETWEEN_DECIDES)
     assert np.all(found.std > 3.0 * found_together(estimate, [record]).std)
 
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, simulate
-from tridentify.estimation.answer.trace import RESPONSE_AS_NOISE, SLOW_AS_NOISE
+from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.judgement.cautions.residual import response_as_noise
 
 DT, N = 0.05, 600
@@ -24,8 +24,7 @@ def fitted(model, structure, noise, seed=0, inputs=None):
 
 
 def told(estimate):
-    starts = (RESPONSE_AS_NOISE, SLOW_AS_NOISE)
-    return [line for line in estimate.trace.decisions if line.startswith(starts)]
+    return estimate.trace.about(DecisionKind.RESPONSE_AS_NOISE, DecisionKind.SLOW_AS_NOISE)
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,8 @@ from scipy.signal import butter, lfilter
 
 from oracles import by_modes
 from tridentify import Record, Structure, identify
-from tridentify.estimation.answer.trace import FAR_LIKELIER, SLOW_AS_NOISE, Trace
+from tridentify.estimation.answer.decision import DecisionKind
+from tridentify.estimation.answer.trace import Trace
 from tridentify.estimation.likelihood.nuisance import Nuisances
 from tridentify.estimation.posterior.maximum_or_mean import ELSEWHERE, left_behind
 from tridentify.judgement.causes.coarse_input import converter_steps
@@ -143,5 +144,6 @@ def test_damping_by_the_square_of_the_speed_is_told_from_friction(
 
 def test_what_was_told_of_an_end_goes_with_it():
     kept = "noise coloured"
-    told = Trace((), decisions=(kept, f"{SLOW_AS_NOISE}: fit 77 %", f"{FAR_LIKELIER} by 27"))
+    gone = (DecisionKind.SLOW_AS_NOISE.told(": fit 77 %"), DecisionKind.FAR_LIKELIER.told(" by 27"))
+    told = Trace((), decisions=(kept, *gone))
     assert left_behind(told, 351.2).decisions == (kept, f"{ELSEWHERE} (-2 log L lower by 351)")

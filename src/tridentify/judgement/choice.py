@@ -30,13 +30,12 @@ from tridentify.estimation.methods.filtered.svf_least_squares import SvfLeastSqu
 from tridentify.estimation.methods.output_error import OutputError
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.causes.intersample import (
-    IN_WORDS,
-    TAKEN,
     TIE,
     Behaviours,
     behaviours,
     better_behaviour,
     in_doubt,
+    taken_as,
 )
 from tridentify.judgement.cautions import about_loop, judged
 from tridentify.judgement.cautions.coefficients import coefficient_findings
@@ -90,7 +89,7 @@ def with_behaviour(
             return estimate, seen, None, ()
         found = _compared(estimate, seen)
         if found is None:
-            told = f"{TAKEN}{IN_WORDS[wanted]}, which its samples suggest"
+            told = taken_as(wanted, ", which its samples suggest")
             return estimate, seen, None, (told,)
         ends[wanted] = _Searched(estimate, seen, found)
         asked = [better_behaviour(found, suggested), *in_doubt(found, estimate)]

@@ -20,14 +20,14 @@ import numpy as np
 
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.assemble import Request
+from tridentify.estimation.answer.decision import DecisionKind, KnownDecision
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding, ranked
-from tridentify.estimation.answer.trace import BETWEEN_DECIDES, NO_END_TOGETHER
 from tridentify.estimation.likelihood.answer import widened_by
 from tridentify.estimation.likelihood.question import silently
 from tridentify.estimation.methods.base import Method, Progress
 from tridentify.estimation.methods.explained import explained_records
-from tridentify.estimation.methods.in_loop import NOT_HELD, RESTS_ON_HELD, found_together
+from tridentify.estimation.methods.in_loop import NOT_HELD, found_together
 from tridentify.estimation.methods.not_stable import may_be_unstable, unless_unstable
 from tridentify.estimation.methods.output_error import OutputError
 from tridentify.estimation.methods.three_model import ThreeModel
@@ -74,9 +74,6 @@ BACKWARDS = (
 
 NOT_EXPLAINED = 1e-4
 """p-value of past inputs and outputs in the innovations, from which the direct route has failed."""
-
-NOT_INDEPENDENT = "the innovations hold past samples, errors reach as far as those of white weights"
-"""Beginning of a decision."""
 
 
 def directly(
@@ -157,7 +154,7 @@ def _by_direct_route(
         return None
     if not found.status.ok:
         return None
-    return replace(found, trace=found.trace.told(f"route direct: {why}"))
+    return replace(found, trace=found.trace.told(DecisionKind.DIRECT_ROUTE.told(f": {why}")))
 
 
 def not_stable(
@@ -251,7 +248,8 @@ def _doubted(estimate: Estimate, records: Sequence[Record]) -> Estimate:
         return estimate
     moves = (white.theta - estimate.theta, *root_of(white).T)
     cov, draws = widened_by(estimate.cov, estimate.draws, moves)
-    told = estimate.trace.told(f"{NOT_INDEPENDENT}: {_apart(estimate, white)}")
+    apart = _apart(estimate, white)
+    told = estimate.trace.told(DecisionKind.NOT_INDEPENDENT.told(f": {apart}"))
     return replace(estimate, cov=cov, draws=draws, trace=told)
 
 
@@ -303,9 +301,9 @@ def about_direct(
     findings = ranked([*findings, *told]) if told else findings
     if estimate.route != "direct":
         return tuple(findings)
-    doubted = _decided(estimate, NOT_INDEPENDENT)
+    doubted = estimate.trace.about(DecisionKind.NOT_INDEPENDENT)
     weak, undecided = bool(doubted) or _fails(estimate, records), _undecided(estimate)
-    hangs = doubted.partition(": ")[2]
+    hangs = doubted[0].rest if doubted else ""
     if not (hangs or undecided):
         white = _white(estimate, records)
         hangs = "" if white is None else _apart(estimate, white)
@@ -379,10 +377,10 @@ def _alone(estimate: Estimate) -> Finding:
 
 def _with_statement(remedy: str, estimate: Estimate) -> str:
     """With the statement that settles what the input does between its samples."""
-    undecided = _undecided(estimate)
-    if _rests(estimate) or NOT_HELD in undecided:
+    told = _open(estimate)
+    if _rests(estimate) or (told is not None and NOT_HELD in told):
         kind, between = "may work in continuous time", "auto"
-    elif BETWEEN_DECIDES in undecided:
+    elif told is not None and told.kind is DecisionKind.BETWEEN_DECIDES:
         kind, between = "works on the recorded samples", "zoh"
     else:
         return remedy
@@ -394,19 +392,19 @@ def _with_statement(remedy: str, estimate: Estimate) -> str:
 
 def _undecided(estimate: Estimate) -> str:
     """That the record cannot tell the plant; empty where it can."""
-    told = _decided(estimate, BETWEEN_DECIDES, NO_END_TOGETHER)
-    return f"The record cannot tell the plant: {told}" if told else ""
+    told = _open(estimate)
+    return "" if told is None else f"The record cannot tell the plant: {told}"
+
+
+def _open(estimate: Estimate) -> KnownDecision | None:
+    kinds = DecisionKind.BETWEEN_DECIDES, DecisionKind.NO_END_TOGETHER
+    return next(iter(estimate.trace.about(*kinds)), None)
 
 
 def _rests(estimate: Estimate) -> str:
     """What hangs on an input that is said to be held; empty where little does."""
-    told = _decided(estimate, RESTS_ON_HELD)
+    told = next(iter(estimate.trace.about(DecisionKind.RESTS_ON_HELD)), "")
     return f"{told[0].upper()}{told[1:]}" if told else ""
-
-
-def _decided(estimate: Estimate, *beginnings: str) -> str:
-    """The first decision that begins so."""
-    return next((one for one in estimate.trace.decisions if one.startswith(beginnings)), "")
 
 
 def _remedy(feedback: Finding) -> str:

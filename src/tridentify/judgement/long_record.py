@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from tridentify.errors import TridentifyError, UnsupportedError
+from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding, ranked
 from tridentify.estimation.methods.base import Method, Progress
@@ -206,8 +207,7 @@ def _judged(
 
 def _order_told(began: Estimate) -> tuple[str, ...]:
     """What the stretch decided of orders and of the input between its samples."""
-    words = ("chosen of", "input taken as")
-    return tuple(one for one in began.trace.decisions if any(word in one for word in words))
+    return began.trace.about(DecisionKind.ORDERS_CHOSEN, DecisionKind.INPUT_TAKEN)
 
 
 def _missing(seen: Survey, record: LongRecord) -> Sequence[Finding]:

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from tridentify.estimation.answer.content import ROUTES
+from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.answer.derived import Derived, Row
 from tridentify.estimation.answer.finding import beside_errors
 from tridentify.estimation.answer.parameter import NOT_DETERMINED, Parameter
@@ -63,8 +64,8 @@ class EstimateInWords(Derived):
         if verbose:
             told = (noise, offset, *self.decisions(), self.trace.stopped)
         else:
-            twice = "noise coloured (" if noise else "\n"
-            kept = (each for each in self.decisions() if not each.startswith(twice))
+            twice = self.trace.about(DecisionKind.NOISE_COLOURED) if noise else ()
+            kept = (each for each in self.decisions() if each not in twice)
             told = (noise, offset, *(_CRITERIA.sub("", each) for each in kept))
         return tuple(dict.fromkeys(note for note in told if note))
 

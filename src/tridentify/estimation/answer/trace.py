@@ -16,16 +16,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from tridentify.estimation.answer.decision import DecisionKind, Decisions, KnownDecision
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.kept import cached_property
-
-OTHER_DELAYS = "other delays explain the record almost as well"
-REPEATED_INPUT = "the input repeats itself"
-RESPONSE_AS_NOISE = "the noise model may take a slow response for noise"
-FAR_LIKELIER = "a model of the noise makes the record far likelier and moves coefficients"
-BETWEEN_DECIDES = "what the input does between its samples decides"
-NO_END_TOGETHER = "plant and noise together come to no end"
-SLOW_AS_NOISE = "the noise model explains slow parts of the output that white weights follow"
 
 
 def freeze_arrays(noun: object) -> None:
@@ -232,7 +225,7 @@ class Trace:
 
     passes: Sequence[Pass]
     starts: tuple[Start, ...] = ()
-    decisions: tuple[str, ...] = ()
+    decisions: Decisions = ()
     stopped: str = ""
 
     def told(self, *words: str) -> Trace:
@@ -251,3 +244,18 @@ class Trace:
         if not words:
             return self
         return dataclasses.replace(self, decisions=(*self.decisions, *words))
+
+    def about(self, *kinds: DecisionKind) -> tuple[KnownDecision, ...]:
+        """The decisions of some kinds.
+
+        Parameters
+        ----------
+        *kinds : DecisionKind
+
+        Examples
+        --------
+        >>> Trace((), decisions=(DecisionKind.NOISE_WHITE.told(),)).about(DecisionKind.NOISE_WHITE)
+        ('noise white',)
+        """
+        known = (one for one in self.decisions if isinstance(one, KnownDecision))
+        return tuple(one for one in known if one.kind in kinds)

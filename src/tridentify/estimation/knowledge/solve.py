@@ -17,8 +17,8 @@ import numpy as np
 
 from tridentify.errors import ContradictoryConstraintsError
 from tridentify.estimation.answer.assemble import Request
+from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.answer.estimate import Estimate, Start, Status, Trace
-from tridentify.estimation.answer.trace import SLOW_AS_NOISE
 from tridentify.estimation.knowledge.affine import (
     Knowledge,
     equalities_of,
@@ -71,11 +71,10 @@ MOST_SEEDS = 3
 APART = 0.05
 """Difference in the log of every coefficient of the denominator below which two seeds are one."""
 OF_FREE_SEARCH = (
-    "initial state",
-    "noise white",
-    "noise taken as white",
-    "noise model",
-    SLOW_AS_NOISE,
+    DecisionKind.INITIAL_STATE,
+    DecisionKind.NOISE_WHITE,
+    DecisionKind.NOISE_TAKEN_AS_WHITE,
+    DecisionKind.SLOW_AS_NOISE,
 )
 
 
@@ -248,7 +247,7 @@ def _decided(
     listed = "; ".join(
         f"{choices[j].label} {table[j] - table[k]:+.1f}" for j in np.argsort(table) if j != k
     )
-    told = f"{choices[k].label}: lowest AICc within the constraints ({listed})"
+    told = choices[k].told(f"lowest AICc within the constraints ({listed})")
     return ends[k], choices[k], (told,)
 
 
@@ -323,10 +322,12 @@ def _whiteness(best: ConstrainedEnd, noise: NoiseChoice) -> tuple[str, ...]:
     residuals = best.fit.over_time()
     outputs = range(best.fit.problem.n_outputs)
     if all(is_white([one[:, i] for one in residuals]) for i in outputs):
-        return ("noise white: the residual within the constraints passes the portmanteau test",)
+        passed = ": the residual within the constraints passes the portmanteau test"
+        return (DecisionKind.NOISE_WHITE.told(passed),)
     return (
-        "noise taken as white: the residual within the constraints does not pass the portmanteau "
-        "test",
+        DecisionKind.NOISE_TAKEN_AS_WHITE.told(
+            ": the residual within the constraints does not pass the portmanteau test"
+        ),
     )
 
 
@@ -395,5 +396,6 @@ def _trace(
         passes.append(replace(one, number=len(passes) + 1))
     starts = tuple(one for one in trace.starts if one.theta.size == p) + tried
     # what the free search says of initial state and noise is not true of this residual
-    kept = tuple(line for line in trace.decisions if line and not line.startswith(OF_FREE_SEARCH))
+    gone = trace.about(*OF_FREE_SEARCH)
+    kept = tuple(line for line in trace.decisions if line and line not in gone)
     return Trace(tuple(passes), starts, (*kept, *told, *described(reached)), reached.why)

@@ -200,4 +200,4 @@ def decisions_in_words(
         (k for k in range(len(choices)) if choices[k] is not best.nuisances), key=lambda k: table[k]
     )
     listed = "; ".join(f"{choices[k].label} {table[k] - best.criterion:+.1f}" for k in others)
-    return (f"{best.nuisances.label}: lowest AICc ({listed})",)
+    return (best.nuisances.told(f"lowest AICc ({listed})"),)

@@ -26,6 +26,7 @@ from typing import cast
 import numpy as np
 
 from tridentify.errors import ConstantInputError, DelayError, OptionError, TooFewSamplesError
+from tridentify.estimation.answer.decision import DecisionKind, KnownDecision
 from tridentify.estimation.likelihood.held_past import held_before
 from tridentify.estimation.likelihood.problem import Problem, Variant, states_of
 from tridentify.models.experiment import MIDDLING, Experiment
@@ -59,6 +60,10 @@ class Nuisances:
         if self.drift:
             words.append("drift")
         return ", ".join(words)
+
+    def told(self, why: str) -> KnownDecision:
+        """That this choice was made."""
+        return KnownDecision(f"{self.label}: {why}", DecisionKind.INITIAL_STATE)
 
     def count(self, n_poles: int, n_outputs: int, n_experiments: int) -> int:
         """Number of unknowns."""

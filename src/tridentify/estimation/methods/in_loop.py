@@ -28,8 +28,9 @@ import numpy as np
 
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.assemble import Request
+from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.answer.estimate import Estimate
-from tridentify.estimation.answer.trace import BETWEEN_DECIDES, NO_END_TOGETHER, Status
+from tridentify.estimation.answer.trace import Status
 from tridentify.estimation.closed_loop.as_recorded import Foretold
 from tridentify.estimation.closed_loop.between_samples import Loop, with_input
 from tridentify.estimation.closed_loop.linear_errors import slowest
@@ -48,8 +49,7 @@ ELSEWHERE = 1.0
 MANY = 3.0
 """Standard errors between assumptions on the input, or of a last step, from which the record cannot
 tell the plant."""
-RESTS_ON_HELD = "the input counts as held between its samples, as the record says"
-"""Beginning of a decision."""
+NO_END = DecisionKind.NO_END_TOGETHER.told(": the record hardly tells one from the other")
 NOT_HELD = "held, as the record says, is clearly less likely than moved"
 """End of one."""
 MOVES = "coefficients move by up to"
@@ -82,13 +82,12 @@ def found_together(found: Estimate, records: Sequence[Record], *, stated: bool =
     except (TridentifyError, np.linalg.LinAlgError, ValueError):
         best = None
     if best is None:
-        why = f"{NO_END_TOGETHER}: the record hardly tells one from the other"
-        return replace(found, trace=found.trace.told(why))
+        return replace(found, trace=found.trace.told(NO_END))
     away = best.found.plant.theta - known.theta
     errors = np.maximum(best.errors, 1e-300)
     spread, told = _between(asked.records, best, stated)
     if not best.found.moved < MANY:
-        told = (f"{NO_END_TOGETHER}: the record hardly tells one from the other", *told)
+        told = (NO_END, *told)
     other = found.status is not Status.CONVERGED or np.max(np.abs(away) / errors) > ELSEWHERE
     if other:
         cov = best.found.cov + best.spread + spread
@@ -110,8 +109,7 @@ def _instead(
     made = estimate_of(asked, loops, end, (words, *told))
     if not np.any(end.plant.poles.real > -slowest(loops)):
         made = replace(made, loop=None)
-    route = tuple(one for one in found.trace.decisions if one.startswith("route"))
-    decisions = (*route, *made.trace.decisions)
+    decisions = (*found.trace.about(DecisionKind.DIRECT_ROUTE), *made.trace.decisions)
     return replace(made, trace=replace(made.trace, decisions=decisions))
 
 
@@ -140,7 +138,8 @@ def _between(
     most = max((_apart(one, best) for one in ends), default=0.0)
     contradicted = held and stated and _is_likelier(moved, best)
     if held and stated and not contradicted:
-        told = f"{RESTS_ON_HELD}; if it moves there, {MOVES} {most:.0f} standard errors"
+        moves = f"; if it moves there, {MOVES} {most:.0f} standard errors"
+        told = DecisionKind.RESTS_ON_HELD.told(moves)
         return np.zeros((n, n)), (told,) if most >= MANY else ()
     away = [np.zeros(n), *(one.found.plant.theta - plant.theta for one in ends)]
     spread = sum((np.outer(one, one) for one in away), np.zeros((n, n))) / len(away)
@@ -148,7 +147,8 @@ def _between(
         return spread, ()
     by = f"{MOVES} {most:.0f} standard errors" if most else "no plant is found"
     by = f"{by}; {NOT_HELD}" if contradicted else by
-    return spread, (f"{BETWEEN_DECIDES}: held, straight, or moved at the samples, {by}",)
+    told = DecisionKind.BETWEEN_DECIDES.told(f": held, straight, or moved at the samples, {by}")
+    return spread, (told,)
 
 
 def _with(record: Record, between: Behaviour) -> Record:

@@ -27,8 +27,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tridentify.estimation.answer.decision import DecisionKind, KnownDecision
 from tridentify.estimation.answer.estimate import Status
-from tridentify.estimation.answer.trace import FAR_LIKELIER, RESPONSE_AS_NOISE, SLOW_AS_NOISE
 from tridentify.estimation.likelihood.choose_nuisance import Finished
 from tridentify.estimation.likelihood.cost import Point
 from tridentify.estimation.likelihood.curvature import Curvature, output_rss
@@ -60,9 +60,13 @@ ELSEWHERE = 3.0
 SLOW_MODE = 10.0
 """Decay of a mode within the record from below which it may stand for a disturbance that wanders
 over the record."""
-PASSED = "noise white: the residual passes the portmanteau test"
-FOLLOWED = "noise taken as white: the residual is not, but most of it follows the input"
-NO_MINIMUM = "noise taken as white: on whitened samples there was no usable minimum"
+PASSED = DecisionKind.NOISE_WHITE.told(": the residual passes the portmanteau test")
+FOLLOWED = DecisionKind.NOISE_TAKEN_AS_WHITE.told(
+    ": the residual is not, but most of it follows the input"
+)
+NO_MINIMUM = DecisionKind.NOISE_TAKEN_AS_WHITE.told(
+    ": on whitened samples there was no usable minimum"
+)
 
 
 @dataclass(frozen=True)
@@ -129,7 +133,9 @@ def with_noise_model(
         if noise == "ar" and not at_rounding(first.point):
             raise refused
         note = str(refused).partition(";")[0].removeprefix("found ")
-        return found if at_rounding(first.point) else _told(found, f"noise taken as white: {note}")
+        if at_rounding(first.point):
+            return found
+        return _told(found, DecisionKind.NOISE_TAKEN_AS_WHITE.told(f": {note}"))
     if starts.saw_white(first.point) and noise == "auto":
         return _told(found, PASSED)
     case = _coloured(first, asked=noise == "ar")
@@ -256,7 +262,7 @@ def _likelier(kept: Finished, other: Finished, turns: Turns) -> tuple[str, ...]:
     if moved < ELSEWHERE:
         return ()
     fall = f"AICc lower by {behind - left:.0f}"
-    return (f"{FAR_LIKELIER} by up to {moved:.0f} standard errors ({fall})",)
+    return (DecisionKind.FAR_LIKELIER.told(f" by up to {moved:.0f} standard errors ({fall})"),)
 
 
 def _apart(first: Finished, best: Finished) -> tuple[str, ...]:
@@ -269,7 +275,8 @@ def _apart(first: Finished, best: Finished) -> tuple[str, ...]:
     size = np.maximum(first.point.problem.power * counts, 1e-300)
     plain, own = (output_rss(end.point) / size for end in (first, best))
     told: list[str] = []
-    for known, much in ((RESPONSE_AS_NOISE, LARGE), (SLOW_AS_NOISE, NOTABLE)):
+    limits = {DecisionKind.RESPONSE_AS_NOISE: LARGE, DecisionKind.SLOW_AS_NOISE: NOTABLE}
+    for known, much in limits.items():
         where = np.flatnonzero(own > much * plain)
         if where.size and not told:
             fits = [
@@ -277,14 +284,15 @@ def _apart(first: Finished, best: Finished) -> tuple[str, ...]:
                 f"{100.0 * (1.0 - math.sqrt(plain[i])):.1f} %"
                 for i in where
             ]
-            told.append(f"{known}: fit {', '.join(fits)}")
+            told.append(known.told(f": fit {', '.join(fits)}"))
     return tuple(told)
 
 
-def _in_words(point: Point, case: Coloured) -> str:
+def _in_words(point: Point, case: Coloured) -> KnownDecision:
     why = "as asked for" if case.asked else "the residual with white weights is not white"
     orders = [
         f"order {a.size}" if coloured else "white"
         for a, coloured in zip(point.problem.noise, case.tinted, strict=True)
     ]
-    return f"noise coloured ({why}): samples whitened by autoregressions, {', '.join(orders)}"
+    how = f"samples whitened by autoregressions, {', '.join(orders)}"
+    return DecisionKind.NOISE_COLOURED.told(f" ({why}): {how}")

@@ -10,10 +10,8 @@ from typing import Literal
 import numpy as np
 
 from tridentify.errors import OptionError, UnsupportedError, UnsupportedOrderError
+from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.answer.trace import (
-    FAR_LIKELIER,
-    RESPONSE_AS_NOISE,
-    SLOW_AS_NOISE,
     Status,
     Step,
     Trace,
@@ -193,8 +191,10 @@ def left_behind(trace: Trace, fall: float) -> Trace:
     fall : float
         Of ``-2 log L``, from the maximum to the mean.
     """
-    about = (FAR_LIKELIER, RESPONSE_AS_NOISE, SLOW_AS_NOISE)
-    kept = tuple(told for told in trace.decisions if not told.startswith(about))
+    gone = trace.about(
+        DecisionKind.FAR_LIKELIER, DecisionKind.RESPONSE_AS_NOISE, DecisionKind.SLOW_AS_NOISE
+    )
+    kept = tuple(told for told in trace.decisions if told not in gone)
     way = replace(trace, decisions=kept)
     return way.told(f"{ELSEWHERE} (-2 log L lower by {fall:.0f})")
 

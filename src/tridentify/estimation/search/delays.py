@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tridentify.errors import ConstantInputError, UnsupportedError
-from tridentify.estimation.answer.trace import OTHER_DELAYS, REPEATED_INPUT
+from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.likelihood.answer import Ending, Spread
 from tridentify.estimation.likelihood.cost import evaluate
 from tridentify.estimation.likelihood.held_past import at_rest
@@ -39,7 +39,7 @@ LONGEST_SHARE = 0.9
 # correlation with itself, later, at which an input repeats itself, and below which it has moved
 # on before that
 REPEATED, MOVED_ON = 0.99, 0.5
-AT_REST = "initial state taken as at rest: nothing moves when the record begins"
+AT_REST = DecisionKind.INITIAL_STATE.told(" taken as at rest: nothing moves when the record begins")
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +75,7 @@ def left_out(records: Sequence[Record], known: Structure) -> float:
 
 def repeated_inputs(records: Sequence[Record]) -> list[str]:
     """A word on each input whose delay is one of several that are as good."""
-    told = []
+    told: list[str] = []
     for j, name in enumerate(records[0].input_names):
         found = [one for record in records if (one := repeats(record, j))]
         if len(found) < len(records):
@@ -85,9 +85,10 @@ def repeated_inputs(records: Sequence[Record]) -> list[str]:
         if all(abs(one[0] - after) < step and one[1] == sign for one in found):
             reversed_ = "" if sign > 0 else " with the gain reversed"
             told.append(
-                f"{REPEATED_INPUT} ({name}, after {after:.4g} s{', inverted' * (sign < 0)}): a "
-                f"delay later by that explains the record as well{reversed_}, and the shortest is "
-                "given"
+                DecisionKind.REPEATED_INPUT.told(
+                    f" ({name}, after {after:.4g} s{', inverted' * (sign < 0)}): a delay later by "
+                    f"that explains the record as well{reversed_}, and the shortest is given"
+                )
             )
     return told
 
@@ -199,7 +200,7 @@ def _in_words(shares: Array, means: Array, delays: Array, step: float) -> str:
     ]
     if not named:
         return ""
-    return f"{OTHER_DELAYS}: {'; '.join(named)}"
+    return DecisionKind.OTHER_DELAYS.told(f": {'; '.join(named)}")
 
 
 def refuse_direct(record: Record, structure: Structure) -> None:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tridentify.errors import TridentifyError
+from tridentify.estimation.answer.decision import DecisionKind, KnownDecision
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.likelihood.cost import Point, evaluate
@@ -44,7 +45,6 @@ LONGEST = 20_000
 """Samples of each record that are compared: more would not change a clear answer. A sine that
 sweeps upwards, a record of ten thousand samples, shows it in its second half alone."""
 
-TAKEN = "input taken as "
 """How the trace of an estimate says what was found where the behaviour was left open."""
 
 HOPELESS = 10.0
@@ -156,7 +156,7 @@ class Behaviours:
             return self.searched[one]
         return coefficients(self.attempts[one].point) if one in self.attempts else None
 
-    def in_words(self) -> str:
+    def in_words(self) -> KnownDecision:
         """What the present behaviour has over the others."""
         others = [
             f"with {other} it is {abs(more):.3g} {'higher' if more > 0 else 'lower'}"
@@ -165,7 +165,17 @@ class Behaviours:
         ]
         by = "AICc, each with its own noise model" if self.searched else "-2 log L"
         told = f" (of {by}: {', '.join(others)})" if others else ""
-        return f"{TAKEN}{IN_WORDS[self.present]}{told}"
+        return taken_as(self.present, told)
+
+
+def taken_as(behaviour: str, why: str = "") -> KnownDecision:
+    """That an input was taken to behave so between its samples.
+
+    Parameters
+    ----------
+    behaviour, why : str
+    """
+    return DecisionKind.INPUT_TAKEN.told(f" {IN_WORDS[behaviour]}{why}")
 
 
 def behaviours(estimate: Estimate, records: Sequence[Record]) -> Behaviours | None:
@@ -354,7 +364,7 @@ def _hanging(found: Behaviours, other: Behaviour, estimate: Estimate) -> tuple[i
 
 def left_open(estimate: Estimate) -> bool:
     """Whether the behaviour was found, and not stated."""
-    return any(told.startswith(TAKEN) for told in estimate.trace.decisions)
+    return bool(estimate.trace.about(DecisionKind.INPUT_TAKEN))
 
 
 def for_left_open(remedy: str, estimate: Estimate) -> str:

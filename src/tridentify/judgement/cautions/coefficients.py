@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import FEWER, Finding
-from tridentify.estimation.answer.trace import OTHER_DELAYS, REPEATED_INPUT
 from tridentify.judgement.causes.fewer import foretold, unsure
 from tridentify.numerics.quantiles import median
 from tridentify.numerics.rational import scaled_roots
@@ -92,8 +92,7 @@ def _other_delays(estimate: Estimate) -> list[Finding]:
             f"{told[0].upper()}{told[1:]}. The standard errors allow for them.",
             "Record longer, or excite the system faster, to tell them apart.",
         )
-        for told in estimate.trace.decisions
-        if told.startswith(OTHER_DELAYS)
+        for told in estimate.trace.about(DecisionKind.OTHER_DELAYS)
     ]
     found += [
         Finding(
@@ -103,8 +102,7 @@ def _other_delays(estimate: Estimate) -> list[Finding]:
             "Check that so short a delay makes sense, or excite the system with an input that "
             "does not repeat.",
         )
-        for told in estimate.trace.decisions
-        if told.startswith(REPEATED_INPUT)
+        for told in estimate.trace.about(DecisionKind.REPEATED_INPUT)
     ]
     return found
 

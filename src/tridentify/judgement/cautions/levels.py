@@ -15,6 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
@@ -95,7 +96,7 @@ def _made(estimate: Estimate) -> Nuisances:
 def _others(estimate: Estimate) -> list[Nuisances]:
     """Choices about as likely as the one that was made, as the method saw it."""
     found = []
-    for told in estimate.trace.decisions:
+    for told in estimate.trace.about(DecisionKind.INITIAL_STATE):
         _, lowest, listed = told.partition(": lowest AICc (")
         for state, offset, drift, more in CHOICE.findall(listed) if lowest else ():
             if float(more) < TIED:

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import chdtri
 
+from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
-from tridentify.estimation.answer.trace import FAR_LIKELIER, RESPONSE_AS_NOISE, SLOW_AS_NOISE
 from tridentify.estimation.answer.trust import predicts
 from tridentify.estimation.likelihood.raster import on_raster, places_on_raster, spread_out
 from tridentify.judgement.causes.first_samples import Predictions, beginning
@@ -98,7 +98,7 @@ def slow_findings(
     """
     if not any(a.size for a in estimate.noise_model):
         return []
-    if any(told.startswith(RESPONSE_AS_NOISE) for told in estimate.trace.decisions):
+    if estimate.trace.about(DecisionKind.RESPONSE_AS_NOISE):
         return []
     parts = [_slow_parts(estimate, record, e, known) for e, record in enumerate(records)]
     slow, whole = (np.sum([one[k] for one in parts], axis=0) for k in range(2))
@@ -177,8 +177,7 @@ def far_likelier(estimate: Estimate) -> list[Finding]:
             "the record to where it is calm.",
             estimate.output_names,
         )
-        for told in estimate.trace.decisions
-        if told.startswith(FAR_LIKELIER)
+        for told in estimate.trace.about(DecisionKind.FAR_LIKELIER)
     ]
 
 
@@ -192,12 +191,12 @@ def response_as_noise(estimate: Estimate) -> list[Finding]:
     return [
         Finding(
             "noise-model",
-            "warning" if told.startswith(RESPONSE_AS_NOISE) else "note",
+            "warning" if told.kind is DecisionKind.RESPONSE_AS_NOISE else "note",
             f"{told[0].upper()}{told[1:]}. The record cannot say which of the two is right.",
             "Compare with ThreeModel(noise='white'), and try a drift, or more poles or zeros.",
         )
-        for told in estimate.trace.decisions
-        if told.startswith((RESPONSE_AS_NOISE, SLOW_AS_NOISE)) and not _overtaken(told, estimate)
+        for told in estimate.trace.about(DecisionKind.RESPONSE_AS_NOISE, DecisionKind.SLOW_AS_NOISE)
+        if not _overtaken(told, estimate)
     ]
 
 

@@ -24,7 +24,7 @@ from tridentify.errors import DataError, TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.methods.base import Method, Progress, check_scale, check_signals
 from tridentify.estimation.methods.three_model import ThreeModel
-from tridentify.judgement.causes.intersample import IN_WORDS, TAKEN, behaviours
+from tridentify.judgement.causes.intersample import behaviours, taken_as
 from tridentify.judgement.causes.wild_beginning import without_wild_beginning
 from tridentify.judgement.choice import checked_method, listed, with_judgement
 from tridentify.judgement.selection.beside import bent, drifting
@@ -335,7 +335,7 @@ class _Work:
         assert row.estimate is not None
         self.say(f"what is to be said of {row.label}")
         between = behaviours(row.estimate, list(self.records))
-        told = (f"{TAKEN}{IN_WORDS[self.records[0].behaviour]}",) if self.left_open else ()
+        told = (taken_as(self.records[0].behaviour),) if self.left_open else ()
         judged = with_judgement(row.estimate, self.records, self.method, between, told)
         return replace(row, estimate=judged)
 

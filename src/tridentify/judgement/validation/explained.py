@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding, Severity
-from tridentify.estimation.answer.trace import FAR_LIKELIER
 from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
 from tridentify.estimation.likelihood.nuisance import Nuisances
 from tridentify.judgement.causes.attempt import Attempt
@@ -308,7 +308,7 @@ def _about_slow(explained: Explanations, estimate: Estimate) -> tuple[str, str]:
     one at hand, and its end was not kept.
     """
     base = explained.present
-    if any(told.startswith(FAR_LIKELIER) for told in estimate.trace.decisions):
+    if estimate.trace.about(DecisionKind.FAR_LIKELIER):
         return drift_tried(explained, estimate)
     white = estimate.loss == "squared" and not any(a.size for a in estimate.noise_model)
     if white and any(a.size for a in base.point.problem.noise):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.causes.explanation import Explanation, Explanations
 from tridentify.judgement.validation.evidence import Evidence
@@ -12,9 +13,6 @@ from tridentify.judgement.validation.explained import (
     told_alone,
 )
 from tridentify.judgement.validation.likelihood_ratio import CALLED
-
-DECLINED = "noise taken as white: "
-"""How the method says why it has no noise model."""
 
 
 class KnownCauses(NamedTuple):
@@ -51,8 +49,8 @@ class KnownCauses(NamedTuple):
     @property
     def declined(self) -> str:
         """Why the automatic noise model was not taken; empty where that was not asked for."""
-        said = (one.partition(DECLINED)[2] for one in self.estimate.trace.decisions)
-        return next((reason for reason in said if reason), "")
+        said = self.estimate.trace.about(DecisionKind.NOISE_TAKEN_AS_WHITE)
+        return next((one.rest for one in said if one.rest), "")
 
     @property
     def no_better(self) -> bool:

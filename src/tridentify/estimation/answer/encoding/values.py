@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from tridentify.errors import TridentifyError, shown
+from tridentify.estimation.answer.decision import recalled
 from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.answer.loop_taken import LoopTaken
 from tridentify.estimation.answer.parameter import Nuisance, Parameter
@@ -241,6 +242,7 @@ _DECODERS: Mapping[str, Decoder] = {
     "str": _text,
     "Severity": _text,
     "tuple[str, ...]": _texts,
+    "Decisions": lambda items: tuple(map(recalled, _texts(items))),
     "Mapping[str, str]": _mapping(_text),
     "Mapping[str, tuple[float, float]]": _mapping(_pair),
     "tuple[Step, ...]": _tuple_of(Step),

@@ -357,4 +357,4 @@ def _decisions(
         f"{choice.label} {found[choice] - lowest:+.1f}{unusable.get(choice, '')}"
         for choice in sorted(found, key=lambda choice: found[choice])
     )
-    return (f"{best.nuisances.label}: lowest AICc ({listed})",)
+    return (best.nuisances.told(f"lowest AICc ({listed})"),)

@@ -289,7 +289,7 @@ def _decided(choices: Sequence[Nuisances], best: int, tried: Sequence[Tried]) ->
         lowest[one.choice] = min(_criterion(one), lowest.get(one.choice, np.inf))
     others = sorted((k for k in lowest if k != best), key=lambda k: lowest[k])
     listed = "; ".join(f"{choices[k].label} {lowest[k] - lowest[best]:+.1f}" for k in others)
-    return (f"{choices[best].label}: lowest AICc of the simulated output ({listed})",)
+    return (choices[best].told(f"lowest AICc of the simulated output ({listed})"),)
 
 
 def described(number: int, found: SvfFit, note: str) -> Pass:
