@@ -284,7 +284,7 @@ def following(
     if not np.all(np.isfinite(poles)):
         return None
     bank = blueprint.poles[: poles.size]
-    distance, nuisance = _distance(poles, bank), blueprint.nuisance
+    distance, nuisance = steps.distance_of(poles, bank), blueprint.nuisance
     kept = bool(blueprint.ints[slots.CHUNK])
     early = kept and x[slots.SINCE] <= method.samples
     yield
@@ -363,9 +363,3 @@ def _found_better(
         return found
     gain = np.log(point.rss / point.counts) - 2.0 * np.log(found.noise_std)
     return found if float(point.counts @ gain) > CLEARLY else None
-
-
-def _distance(poles: Complex, bank: Complex) -> float:
-    """Largest move of a pole over its decay rate."""
-    rates = np.maximum(-bank.real, 1e-6 * np.abs(bank))
-    return float(np.max(np.abs(poles - bank) / rates))

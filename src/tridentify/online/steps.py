@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -32,6 +33,9 @@ from tridentify.online.second_look import doubted
 from tridentify.online.summary import change_columns, on_order, seen, summarise, transfer
 from tridentify.record.record import Record
 
+ELSEWHERE = 0.5
+"""Distance of poles over their decay rates from which others are begun from too: between two ticks
+poles that the samples tell move by less."""
 PASSES = 4
 """Adapted passes at most: from the poles of the tick before one or two do."""
 
@@ -96,28 +100,40 @@ def solving(
         )
     full = blueprint.nuisance
     start = "free" if full.free else setting.structure.initial_state
-    best = yield from _solved(base, Nuisances(start, full.offset, full.drift), None, poles, passes)
+    every = Nuisances(start, full.offset, full.drift)
+    best = yield from _solved(base, every, None, poles, passes)
     if not choose:
         return best
+    ends = [best]
+    bank = base.admissible(blueprint.poles[: setting.n_poles])[0]
+    if distance_of(best.point.poles, bank) > ELSEWHERE:
+        # a search found the bank's; with all terms a short record may end at a pole that is none
+        ends.append((yield from _solved(base, every, None, bank, 0)))
+        best = min(ends, key=lambda one: one.criterion)
     begun_anew = x[slots.BORN] > 0.0
     at = int(blueprint.ints[slots.AT_FIRST_INPUT])
     promised = []
-    for nuisances in _others(setting, best.nuisances, begun_anew):
+    for nuisances, end in itertools.product(_others(setting, every, begun_anew), ends):
         yield
         shifted = nuisances.initial_state == "equilibrium"
         constants = -x[at : at + setting.n_inputs] if shifted else None
-        variant = _variant(nuisances, constants)
-        point = evaluate_variant(base, variant, best.point.poles)
+        point = evaluate_variant(base, _variant(nuisances, constants), end.point.poles)
         # as off-line: what a step cannot promise is not followed (`likelihood.choose_nuisance`)
         fall = min(point.decrease(), TRUSTED * float(point.counts.sum()))
-        promised.append((criterion(point, fall), nuisances, constants))
-    for least, nuisances, constants in sorted(promised, key=lambda one: one[0]):
+        promised.append((criterion(point, fall), nuisances, constants, end.point.poles))
+    for least, nuisances, constants, begin in sorted(promised, key=lambda one: one[0]):
         if least >= best.criterion + EQUAL:
             break
-        found = yield from _solved(base, nuisances, constants, best.point.poles, 0)
+        found = yield from _solved(base, nuisances, constants, begin, 0)
         if found.criterion < best.criterion:
             best = found
     return best
+
+
+def distance_of(poles: Complex, bank: Complex) -> float:
+    """Largest move of a pole over its decay rate."""
+    rates = np.maximum(-bank.real, 1e-6 * np.abs(bank))
+    return float(np.max(np.abs(poles - bank) / rates))
 
 
 def _variant(nuisances: Nuisances, constants: Array | None) -> Variant:
