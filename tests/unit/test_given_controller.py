@@ -164,3 +164,33 @@ def test_noise_that_is_filtered_before_the_controller_is_no_rule() -> None:
     record = sampled(8)[0]
     smooth = lfilter([0.3], [1.0, -0.7], np.asarray(record.y)[:, 0])
     assert not sampled_by([Record(record.u, smooth, dt=DT, reference=record.reference)], LAW).seen
+
+
+def by_lines(held: Record) -> Record:
+    """The same with an input that is not stated to be held; its reference is."""
+    return Record(
+        held.u, held.y, dt=DT, reference=held.reference, intersample="foh",
+        reference_intersample="zoh",
+    )  # fmt: skip
+
+
+def test_a_gain_alone_meets_its_rule_however_it_works() -> None:
+    """Whether its output was held is told by the record that says so, and by nothing else."""
+    from tridentify.estimation.methods.given_controller import rule_of
+
+    gain = TransferFunction([2.0], [1.0])
+    held, _ = continuous(controller=(np.zeros((0, 0)), np.zeros(0), np.zeros(0), 2.0))
+    smooth = by_lines(held)
+    stated = rule_of([held], Structure(2, 1), gain)
+    assert stated is not None
+    assert stated.exact
+    assert rule_of([smooth], Structure(2, 1), gain) is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [61, 62, 63])
+def test_a_continuous_gain_is_not_taken_as_sampled(seed: int) -> None:
+    held, _ = continuous(seed, controller=(np.zeros((0, 0)), np.zeros(0), np.zeros(0), 2.0))
+    method = ThreeModel(controller=TransferFunction([2.0], [1.0]))
+    found = method.estimate([by_lines(held)], Structure(2, 1))
+    assert np.abs((found.theta - TRUE) / found.std).max() < 4.0

@@ -207,7 +207,8 @@ def load(source: RecordSource, activity: Activity) -> list[Record]:
         if number and not file.suffix and not file.exists() and source.files[0].exists():
             raise OptionError(
                 f"found no file {shown(str(file))} beside {shown(source.files[0].name)}; expected "
-                "files; if it is a column, give each an option of its own: --input a --input b"
+                "files; if it is a column, write the option again before it: --input a --input b, "
+                "--reference r --reference s"
             )
         if any(_same(file, other) for other in source.files[:number]):
             raise OptionError(

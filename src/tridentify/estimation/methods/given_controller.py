@@ -68,12 +68,18 @@ def rule_of(
 ) -> Worked | None:
     """The rule by which a controller may have been sampled; None where nothing can be told.
 
+    One without memory meets its rule at the samples however it works between them: that the input
+    was held has then to be stated.
+
     Parameters
     ----------
     records : sequence of Record
     structure : Structure
     controller : TransferFunction
     """
+    held = all(record.behaviour == "zoh" for record in records)
+    if controller.den[0][0].size == 1 and not held:
+        return None
     return sampled_by(records, controller) if _usable(records, structure) else None
 
 
@@ -112,7 +118,8 @@ def by_likelihood(
     """
     estimate = found.estimate
     if how is None:
-        return Given(found, "controller as given; its likelihood needs complete uniform records")
+        needs = "complete uniform records, free coefficients, and of a gain alone a held input"
+        return Given(found, f"controller as given; its likelihood needs {needs}")
     if not how.explains:
         return Given(found, how.words, _not_this_controller(how))
     if not (estimate.status.ok and found.still):
