@@ -169,9 +169,7 @@ def add_equations(
                     at += zeros[i, j] + 1
             if free:
                 local = at + e * n
-                add_combined(
-                    s, 0, answers[1 + n_outputs * (n_inputs + e) + i], 1.0, states, 0, 0
-                )
+                add_combined(s, 0, answers[1 + n_outputs * (n_inputs + e) + i], 1.0, states, 0, 0)
                 add_combined(s, 0, driven[:n], -w, matrix, top, local)
                 for r in range(height):
                     if m == n:
@@ -299,10 +297,10 @@ def reductions(
         By Step 2 for all denominators and for each by itself, and by balanced truncation; empty
         where it was not asked for, there is but one, and there are fewer operators than poles.
     """
-    n_outputs, n_groups, same = len(group), orders.size, np.zeros_like(group)
+    n_outputs, n_groups, first = len(group), orders.size, np.zeros(1, np.int64)
     _, rows, direct, started, costs, _ = parallel_fit(
-        stack, which, targets, first_input, free, nuisance, np.array([order]), np.zeros(1, np.int64),
-        same, b.size, biproper,
+        stack, which, targets, first_input, free, nuisance, np.array([order]), first,
+        np.zeros_like(group), b.size, biproper,
     )  # fmt: skip
     weights = 1.0 / np.sqrt(costs / samples + floors)
     # the free response is not known denominator by denominator, so it is left out
