@@ -85,8 +85,8 @@ def load_first(
     say("starts")
     from tridentify.estimation.search import compiled_reduction, compiled_starts
 
-    numerics = recursions, polynomials, small_least_squares, cascades, exponentials, triangles
-    numerics = *numerics, small_eigenvalues
+    small = polynomials, small_least_squares, small_eigenvalues
+    numerics = recursions, *small, cascades, exponentials, triangles
     models = added_columns, hats, robust_fit, compiled_columns, compiled_steps, compiled_regression
     starts = compiled_starts, compiled_reduction
     return *numerics, *models, compiled_cost, compiled_scatter, *starts
