@@ -151,7 +151,7 @@ def test_unknowns_stand_where_their_columns_do(name: str) -> None:
     poles = -np.linspace(0.7, 3.0, question.base.n_poles).astype(np.complex128)
     for variant in question.variants:
         point = evaluate_variant(question.base, variant, poles)
-        assert list(point.width.items()) == list(point.jacobian()[0].width.items())
+        assert point.jacobian()[0].shape[1] == max(own.stop for own in point.width.values())
         for i, fit in enumerate(point.fits):
             for key in fit.columns.width:
                 known = fit.columns.pick(fit.solution.x, key)

@@ -7,7 +7,7 @@ import pytest
 
 from tridentify import Record, Structure, TransferFunction, simulate
 from tridentify.estimation.likelihood.cost import evaluate
-from tridentify.estimation.search.starts import _observability
+from tridentify.estimation.search.compiled_reduction import observability
 from tridentify.identify import search
 from tridentify.judgement.causes.fewer import (
     _answers,
@@ -46,7 +46,9 @@ def test_the_gramian_solves_its_equation_written_out(poles):
     c = np.random.default_rng(1).standard_normal((2, n))
     eye = np.eye(n)
     dense = np.linalg.solve(np.kron(a.T, eye) + np.kron(eye, a.T), -(c.T @ c).ravel())
-    np.testing.assert_allclose(_observability(a, c), dense.reshape(n, n), rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(
+        observability(a, c.T @ c), dense.reshape(n, n), rtol=1e-10, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("planted", [[1.5, 1.5], [1.0, -1.5, 0.5, 2.0]])

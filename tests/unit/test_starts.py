@@ -128,7 +128,7 @@ def aicc(start):
     )
     nuisance = sum(start.order * e.free + e.offset + e.drift for e in experiments)
     k = base.n_outputs * (start.order * base.n_inputs + nuisance + 1)
-    return n @ np.log(start.fit.cost / n) + 2 * k + 2 * k * (k + 1) / (n.sum() - k - 1)
+    return n @ np.log(start.reduction.costs / n) + 2 * k + 2 * k * (k + 1) / (n.sum() - k - 1)
 
 
 CASES = {

@@ -78,15 +78,18 @@ def load_first(
         exponentials,
         hats,
         robust_fit,
+        small_eigenvalues,
         triangles,
     )
 
     say("starts")
-    from tridentify.estimation.search import compiled_starts
+    from tridentify.estimation.search import compiled_reduction, compiled_starts
 
-    numerics = recursions, polynomials, small_least_squares, cascades, exponentials, triangles
+    small = polynomials, small_least_squares, small_eigenvalues
+    numerics = recursions, *small, cascades, exponentials, triangles
     models = added_columns, hats, robust_fit, compiled_columns, compiled_steps, compiled_regression
-    return *numerics, *models, compiled_cost, compiled_scatter, compiled_starts
+    starts = compiled_starts, compiled_reduction
+    return *numerics, *models, compiled_cost, compiled_scatter, *starts
 
 
 def load_kernels(say: Callable[[str], None] = lambda what: None) -> tuple[ModuleType, ...]:

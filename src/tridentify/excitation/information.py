@@ -232,9 +232,9 @@ def _of_point(
 ) -> Information:
     roots = [np.roots(model.den[g.channels[0][0]][g.channels[0][1]]) for g in problem.groups]
     point = evaluate(problem, problem.admissible(np.concatenate(roots).astype(complex))[0])
-    columns, matrix, output = point.jacobian()
+    matrix, output = point.jacobian()
     rows = matrix / noise_std[output][:, None]
-    turn = physical_transform(point, columns.width, rows.shape[1])
+    turn = physical_transform(point, point.width, rows.shape[1])
     own = np.flatnonzero(np.any(turn, axis=0))
     others = np.setdiff1d(np.arange(rows.shape[1]), own)
     # what stands first in the triangle is eliminated from the corner that stands last

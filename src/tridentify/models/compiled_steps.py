@@ -22,7 +22,7 @@ from tridentify.numerics.kernels.small_least_squares import solve_small
 
 @compiled(
     "(float64[:,:,::1], int64[:,::1], float64[:,:,::1], int64, boolean, int64[::1], int64[::1],"
-    " int64[::1], int64[:,::1], int64, int64, boolean)",
+    " int64[::1], int64[:,::1], int64, boolean)",
     inner=True,
 )
 def parallel_fit(
@@ -32,14 +32,16 @@ def parallel_fit(
     first_input: int,
     free: bool,
     nuisance: Indices,
-    orders: Indices,
-    firsts: Indices,
+    widths: Indices,
+    tops: Indices,
     group: Indices,
-    repeats: int,
     q: int,
     biproper: bool,
 ) -> tuple[Array, Array, Array, Array, Array, float]:
-    """Step 1: every channel on the poles of its denominator, twice each.
+    """Step 1: every channel on the operators of its denominator, or all on the same ones.
+
+    ``widths``, ``tops`` (n_groups,): of the operators of each, how many there are and the first of
+    the bank's states that they are.
 
     Returns
     -------
@@ -50,20 +52,20 @@ def parallel_fit(
     condition : float
     """
     n_experiments, n_outputs, height = targets.shape
-    n_inputs, n_groups = group.shape[1], orders.size
-    n_poles, first_direct = firsts[-1] + orders[-1], q * (n_inputs + first_input)
-    extra = 1 if biproper else 0
-    beta = np.zeros((n_outputs, n_inputs, 2 * n_poles + extra))
+    n_inputs, n_groups = group.shape[1], widths.size
+    first_direct, extra = q * (n_inputs + first_input), 1 if biproper else 0
+    places = np.cumsum(widths) - widths
+    beta = np.zeros((n_outputs, n_inputs, widths.sum() + extra))
     rows, direct = np.zeros((n_outputs, n_inputs, q)), np.zeros((n_outputs, n_inputs))
     started = np.zeros((n_experiments, n_outputs, q))
     costs, condition = np.zeros(n_outputs), 1.0
     for i in range(n_outputs):
         shared, local = 0, nuisance.size
         for j in range(n_inputs):
-            shared += 2 * orders[group[i, j]] + extra
+            shared += widths[group[i, j]] + extra
         for g in range(n_groups):
             if free and leads_to(group, i, g):
-                local += 2 * orders[g]
+                local += widths[g]
         matrix = np.zeros((n_experiments * height, shared + n_experiments * local))
         target = np.empty(n_experiments * height)
         for e in range(n_experiments):
@@ -73,7 +75,7 @@ def parallel_fit(
                 target[top + r] = targets[e, i, r]
             for j in range(n_inputs):
                 g = group[i, j]
-                column, width = q * (j + first_input) + firsts[g] * repeats, 2 * orders[g]
+                column, width = q * (j + first_input) + tops[g], widths[g]
                 for r in range(height):
                     for k in range(width):
                         matrix[top + r, place + k] = s[r, column + k]
@@ -82,9 +84,9 @@ def parallel_fit(
                 place += width + extra
             for g in range(n_groups):
                 if free and leads_to(group, i, g):
-                    for k in range(2 * orders[g]):
+                    for k in range(widths[g]):
                         for r in range(height):
-                            matrix[top + r, at] = s[r, firsts[g] * repeats + k]
+                            matrix[top + r, at] = s[r, tops[g] + k]
                         at += 1
             for k in range(nuisance.size):
                 for r in range(height):
@@ -94,10 +96,10 @@ def parallel_fit(
         place = 0
         for j in range(n_inputs):
             g = group[i, j]
-            for k in range(2 * orders[g]):
-                beta[i, j, 2 * firsts[g] + k] = x[place + k]
-                rows[i, j, firsts[g] * repeats + k] = x[place + k]
-            place += 2 * orders[g]
+            for k in range(widths[g]):
+                beta[i, j, places[g] + k] = x[place + k]
+                rows[i, j, tops[g] + k] = x[place + k]
+            place += widths[g]
             if biproper:
                 beta[i, j, -1], direct[i, j] = x[place], x[place]
                 place += 1
@@ -105,8 +107,8 @@ def parallel_fit(
             at = shared + e * local
             for g in range(n_groups):
                 if free and leads_to(group, i, g):
-                    for k in range(2 * orders[g]):
-                        started[e, i, firsts[g] * repeats + k] = x[at]
+                    for k in range(widths[g]):
+                        started[e, i, tops[g] + k] = x[at]
                         at += 1
     return beta, rows, direct, started, costs, condition
 
@@ -271,8 +273,8 @@ def adapted_steps(
     """
     n_groups, n_poles, n_b = orders.size, firsts[-1] + orders[-1], zeros.size + zeros.sum()
     beta, rows, direct, started, costs, condition = parallel_fit(
-        stack, which, targets, first_input, free, nuisance, orders, firsts, group, repeats, b.size,
-        biproper,
+        stack, which, targets, first_input, free, nuisance, 2 * orders, firsts * repeats, group,
+        b.size, biproper,
     )  # fmt: skip
     matrix, target = series_parallel_columns(
         stack, which, targets.shape[2], first_input, free, orders, firsts, group, zeros, repeats,

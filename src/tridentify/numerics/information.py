@@ -34,7 +34,8 @@ def aicc_price(unknowns: Unknowns, samples: float) -> Unknowns:
     (6.25, 54.0)
     """
     k = unknowns
-    room = np.maximum(samples - k - 1.0, LEAST_ROOM)
+    left = samples - k - 1.0
+    room = np.maximum(left, LEAST_ROOM) if isinstance(left, np.ndarray) else max(left, LEAST_ROOM)
     price = 2.0 * k + 2.0 * k * (k + 1.0) / room
-    found: Unknowns = price if isinstance(price, np.ndarray) else float(price)  # type: ignore[assignment]
+    found: Unknowns = price if isinstance(price, np.ndarray) else float(price)
     return found

@@ -33,6 +33,7 @@ from tridentify.models.compiled_whitening import whitened_triangles
 from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.numerics.compiled import compiled
 from tridentify.numerics.kernels.cascades import bank_parts, fill_cascade, solve_in_place
+from tridentify.numerics.kernels.small_eigenvalues import eigenvalues
 
 CHARTS = "Tuple((int64[:,::1], float64[::1], int64[:,::1], float64[:,::1], float64[::1]))"
 """`models.flat_charts.FlatCharts`, but for its places."""
@@ -48,52 +49,6 @@ SEEN = (
 """Residual sums of squares, then what `compiled_cost.scores_at` gives."""
 LEAST_VARIANCE = 1e-300
 """As in `likelihood.cost`."""
-
-
-@compiled("complex128[::1](float64[:,::1])", inner=True)
-def eigenvalues(matrix: Array) -> Complex:
-    """Closed under conjugation to the last digit; ``nan`` where the matrix is not finite."""
-    n = matrix.shape[0]
-    found = np.empty(n, dtype=np.complex128)
-    total = 0.0
-    for i in range(n):
-        for j in range(n):
-            total += matrix[i, j]
-    if not np.isfinite(total):
-        for i in range(n):
-            found[i] = np.nan
-        return found
-    if n == 1:
-        found[0] = matrix[0, 0]
-        return found
-    if n == 2:
-        a, d, product = matrix[0, 0], matrix[1, 1], matrix[0, 1] * matrix[1, 0]
-        half = 0.5 * (a - d)
-        square = half * half + product
-        if square < 0.0:
-            found[0] = complex(0.5 * (a + d), np.sqrt(-square))
-            found[1] = found[0].conjugate()
-            return found
-        large = half + np.copysign(np.sqrt(square), half)
-        found[0] = d + large
-        found[1] = d - product / large if large != 0.0 else d
-        return found
-    raw, used = np.linalg.eigvals(matrix.astype(np.complex128)), np.zeros(n, dtype=np.bool_)
-    for i in range(n):
-        if used[i]:
-            continue
-        mate, nearest = i, 2.0 * abs(raw[i].imag)
-        for j in range(i + 1, n):
-            distance = abs(raw[j] - raw[i].conjugate())
-            if not used[j] and distance < nearest:
-                mate, nearest = j, distance
-        used[i], used[mate] = True, True
-        mean = 0.5 * (raw[i] + raw[mate].conjugate())
-        if mate == i:
-            found[i] = mean.real
-        else:
-            found[i], found[mate] = mean, mean.conjugate()
-    return found
 
 
 @compiled("complex128[::1](complex128[::1])", inner=True)

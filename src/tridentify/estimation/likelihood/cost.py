@@ -50,7 +50,7 @@ from tridentify.estimation.likelihood.triangles import Triangles
 from tridentify.models.regression import Regression, regress
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.kept import cached_property
-from tridentify.numerics.realization import roots_of
+from tridentify.numerics.realization import numerators, roots_of
 
 FAR = 0.1
 """Fall of ``-2 log L`` a sample that a step promises, above which the quadratic it rests on is not
@@ -241,9 +241,8 @@ class Point(FittedPoint):
     def looseness(self) -> float:
         """The largest standard error of a pole over the pole's own decay rate.
 
-        With ``A r = z r``, ``l A = z l`` and ``l r = 1`` a change of ``alpha`` moves the pole ``z``
-        by ``- (l B) (alpha r)``. Poles that nearly meet are loose, and those that only follow the
-        noise.
+        With ``X = N(p) / a(p)`` the root ``z`` of ``a (1 + alpha X)`` moves by ``- alpha N(z) /
+        a'(z)``. Poles that nearly meet are loose, and those that only follow the noise.
         """
         found = self._decomposition
         if not found.s[-1] > 0:
@@ -252,14 +251,14 @@ class Point(FittedPoint):
         root = root if found.basis is None else found.basis @ root
         worst = 0.0
         for inner, group in zip(self.triangles.bank.inners, self.problem.groups, strict=True):
-            z, right = np.linalg.eig(inner.a)
-            try:
-                drive = np.linalg.solve(right, inner.b.astype(np.complex128))
-            except np.linalg.LinAlgError:
-                return float("inf")
-            moved = drive[:, None] * (right.T @ root[group.poles])
-            errors = np.sqrt(np.sum(np.abs(moved) ** 2, axis=1))
-            worst = max(worst, float(np.max(errors / np.abs(z.real))))
+            moved = np.vander(inner.poles) @ (numerators(inner.poles).T @ root[group.poles])
+            errors = np.sqrt((moved.real**2 + moved.imag**2).sum(axis=1)).tolist()
+            z = inner.poles.tolist()
+            for k, (own, error) in enumerate(zip(z, errors, strict=True)):
+                slope = math.prod(abs(own - other) for other in (*z[:k], *z[k + 1 :]))
+                if slope == 0.0:
+                    return float("inf")
+                worst = max(worst, error / (slope * -own.real))
         return worst
 
 

@@ -70,12 +70,12 @@ class Curvature:
             Combinations of the coefficients that do not move.
         """
         given = point.rss / degrees_of_freedom(point) if noise is None else noise
-        columns, matrix, output = point.jacobian()
+        matrix, output = point.jacobian()
         rows = matrix / np.sqrt(np.maximum(given, 1e-300))[output][:, None]
         norms = np.sqrt(np.einsum("ij,ij->j", rows, rows))
         norms = np.where(norms > 0, norms, 1.0)
         rows = rows / norms
-        physical = physical_transform(point, columns.width, norms.size)
+        physical = physical_transform(point, point.width, norms.size)
         free = None
         if held is not None and held.size:
             fixed = (held @ physical) / norms
@@ -86,7 +86,7 @@ class Curvature:
         condition = float(s[0] / s[-1]) if s[-1] > 0 else np.inf
         root = vt.T / np.where(s > 0, s, np.inf)
         root = (root if free is None else free @ root) / norms[:, None]
-        return cls(point, given, root, condition, columns.width, physical)
+        return cls(point, given, root, condition, point.width, physical)
 
     @cached_property
     def along(self) -> Array:

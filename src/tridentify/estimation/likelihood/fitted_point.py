@@ -208,27 +208,39 @@ class FittedPoint:
             Of the unknowns, in the order of `jacobian`.
         output : int
         """
-        width, found = self.width, []
+        found = []
         for e, experiment in enumerate(self.problem.experiments):
-            layout = self.triangles.kept
-            n = layout.n_signals
-            unit = Regression(
-                layout,
-                (np.eye(n),) * self.problem.n_outputs,
-                (np.zeros(n),) * self.problem.n_outputs,
-                (n,) * self.problem.n_outputs,
-            )
-            blocks: dict[object, Array] = {"a": -self.score_states.signals(unit, e, output)}
-            if self.problem.n_delays:
-                blocks["delay"] = -self.slopes(unit, output)
-            linear = linear_blocks(self.problem, self.branches, unit, e, output)
-            blocks |= {(output, key): block for key, block in linear.items()}
-            rows = np.zeros((n, combinations.shape[1]))
-            for key, block in blocks.items():
-                rows += block @ combinations[width[key]]
+            rows = self._moves[e][output] @ combinations
             owners = [output] * rows.shape[1]
             signals = response_of(experiment, self.bank, rows.T, outputs=owners)
-            found.append(np.where(np.isnan(experiment.y[:, [output]]), np.nan, signals))
+            lost = np.isnan(experiment.y[:, [output]])
+            found.append(np.where(lost, np.nan, signals) if lost.any() else signals)
+        return tuple(found)
+
+    @cached_property
+    def _moves(self) -> tuple[tuple[Array, ...], ...]:
+        """How each unknown of `jacobian` moves an output, in columns: ``[experiment][output]``."""
+        layout, width, outputs = self.triangles.kept, self.width, range(self.problem.n_outputs)
+        n, every = layout.n_signals, max(place.stop for place in width.values())
+        unit = Regression(
+            layout,
+            (np.eye(n),) * len(outputs),
+            (np.zeros(n),) * len(outputs),
+            (n,) * len(outputs),
+        )
+        found = []
+        for e in range(len(self.problem.experiments)):
+            own = []
+            for i in outputs:
+                rows = np.zeros((n, every))
+                rows[:, width["a"]] = -self.score_states.signals(unit, e, i)
+                if self.problem.n_delays:
+                    rows[:, width["delay"]] = -self.slopes(unit, i)
+                linear = linear_blocks(self.problem, self.branches, unit, e, i)
+                for key, block in linear.items():
+                    rows[:, width[i, key]] = block
+                own.append(rows)
+            found.append(tuple(own))
         return tuple(found)
 
     @cached_property
@@ -256,30 +268,23 @@ class FittedPoint:
         own = slice(0) if place is None else slice(place.start - first, place.stop - first)
         return np.asarray(self.linear.solutions[output, own])
 
-    def jacobian(self) -> tuple[ColumnBlocks, Array, Array]:
+    def jacobian(self) -> tuple[Array, Array]:
         """Derivatives of all outputs by alpha, free delays, b and every nuisance term.
 
         Returns
         -------
-        columns : ColumnBlocks
-            Which unknown stands where.
         matrix : (rows, n_unknowns) array
+            Which unknown stands where says `width`.
         output : (rows,) int array
             The output that a row belongs to.
         """
         return self._jacobian
 
     @cached_property
-    def _jacobian(self) -> tuple[ColumnBlocks, Array, Array]:
-        columns = ColumnBlocks()
-        owner = []
+    def _jacobian(self) -> tuple[Array, Array]:
+        rows, owner = [], []
         for i in range(self.problem.n_outputs):
             for e, regression in enumerate(self.regressions):
-                blocks: dict[object, Array] = {"a": -self.score_states.signals(regression, e, i)}
-                if self.problem.n_delays:
-                    blocks["delay"] = -self.slopes(regression, i)
-                linear = linear_blocks(self.problem, self.branches, regression, e, i)
-                blocks |= {(i, key): block for key, block in linear.items()}
-                columns.add(blocks, regression.targets[i])
-                owner.append(np.full(regression.targets[i].size, i))
-        return columns, columns.assemble()[0], np.concatenate(owner)
+                rows.append(regression.signals[i] @ self._moves[e][i])
+                owner.append(np.full(len(rows[-1]), i))
+        return np.concatenate(rows), np.concatenate(owner)

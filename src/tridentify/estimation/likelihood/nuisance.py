@@ -77,6 +77,9 @@ class Nuisances:
 
     def resolved(self, structure: Structure) -> Structure:
         """The structure with this choice in place of what it leaves open."""
+        own = structure.initial_state, structure.offset, structure.drift
+        if own == (self.initial_state, self.offset, self.drift):
+            return structure
         return replace(
             structure,
             offset=self.offset,

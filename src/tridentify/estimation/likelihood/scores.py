@@ -185,9 +185,11 @@ def whitened_scores(
         gs, es = [], []
         for i, a in enumerate(models):
             seen = np.isfinite(residual[:, i])
-            both = np.column_stack([moved[i][e], residual[:, i]])
-            rows = np.ascontiguousarray(np.where(seen[:, None], both, 0.0).T)
-            white = Whitener(a, rows.shape[0]).apply(rows, seen) / np.sqrt(noise[i])
+            rows = np.vstack([moved[i][e].T, residual[:, i]])
+            if not seen.all():
+                rows = np.where(seen, rows, 0.0)
+            white = Whitener(a, rows.shape[0]).apply(rows, seen) if a.size else rows
+            white = white / np.sqrt(noise[i])
             gs.append(white[:-1].T)
             es.append(white[-1])
         found.append((np.stack(gs, axis=1), np.stack(es, axis=1)))
@@ -262,17 +264,27 @@ def _largest_scatter(
     directions: Sequence[Array], innovations: Sequence[Array], reacts: bool, own: int
 ) -> ScoreScatter | None:
     """Over stretches of time, and over bands of frequency."""
-    in_time = _scatter_along(np.vstack(directions), np.vstack(innovations), own)
+    in_time = _scatter_along(_joined(directions), _joined(innovations), own)
     if reacts:
         return in_time
-    lines = [dct(one, axis=0, norm="ortho") for one in directions]
-    colours = [dct(one, axis=0, norm="ortho") for one in innovations]
-    sizes = [len(one) for one in directions]
-    order = np.argsort(np.concatenate([np.arange(n) / n for n in sizes]), kind="stable")
-    in_bands = _scatter_along(np.vstack(lines)[order], np.vstack(colours)[order], own)
+    together = [
+        dct(np.concatenate([g, e[:, :, None]], axis=2), axis=0, norm="ortho")
+        for g, e in zip(directions, innovations, strict=True)
+    ]
+    both = _joined(together)
+    if len(together) > 1:
+        sizes = [len(one) for one in together]
+        order = np.argsort(np.concatenate([np.arange(n) / n for n in sizes]), kind="stable")
+        both = both[order]
+    in_bands = _scatter_along(both[:, :, :-1], both[:, :, -1], own)
     if in_bands is None or (in_time is not None and in_time.ratio >= in_bands.ratio):
         return in_time
     return replace(in_bands, over="frequency")
+
+
+def _joined(series: Sequence[Array]) -> Array:
+    """One after the other."""
+    return series[0] if len(series) == 1 else np.vstack(series)
 
 
 def _scatter_along(g: Array, innovations: Array, own: int) -> ScoreScatter | None:

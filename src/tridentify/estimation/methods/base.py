@@ -28,7 +28,7 @@ from tridentify.errors import (
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.likelihood.problem import states_of
 from tridentify.estimation.methods.capability import Capability, refuse_unsupported
-from tridentify.numerics.arrays import Array, filled
+from tridentify.numerics.arrays import Array
 from tridentify.record.checks.scales import (
     LARGEST_SIGNAL,
     check_coefficients,
@@ -91,15 +91,15 @@ def check(records: Sequence[Record], structure: Structure, method: str, can: Cap
     _check_units(records)
     refuse_unsupported(records, structure, method, can)
     _check_order(structure)
-    check_signals(records)
+    u, y = check_signals(records)
     for j, name in enumerate(first.input_names):
-        if not any(np.any(record.u[:, j]) for record in records):
+        if not u[j] > 0.0:
             raise ZeroInputError(
                 f"found input {name!r} zero throughout; expected a signal that moves the system; "
                 "choose the channel that was excited"
             )
     for i, name in enumerate(first.output_names):
-        if not any(np.any(filled(record.y[:, i])) for record in records):
+        if not y[i] > 0.0:
             raise ZeroOutputError(
                 f"found output {name!r} zero throughout; expected a response to the input; choose "
                 "another channel"
@@ -109,7 +109,7 @@ def check(records: Sequence[Record], structure: Structure, method: str, can: Cap
                 f"found output {name!r} constant throughout; expected a response to the input; "
                 "choose another channel, or excite the system"
             )
-    check_scale(records, structure)
+    check_scale(records, structure, u, y)
     _check_dependence(records, structure)
     _check_outputs(records, structure)
     n_parameters = len(structure.names(first.input_names, first.output_names))
@@ -155,22 +155,30 @@ def _constant(values: Array) -> bool:
     return bool(seen.size == 0 or seen.min() == seen.max())
 
 
-def check_signals(records: Sequence[Record]) -> None:
+def check_signals(records: Sequence[Record]) -> tuple[list[float], list[float]]:
     """Refuse channels whose squares overflow or vanish; those of zeros are not judged here.
+
+    Returns
+    -------
+    u, y : lists of float
+        The largest size of every channel; ``nan`` where no sample of it is there.
 
     Raises
     ------
     ScaleError
     """
-    for record in records:
-        for signals in (record.u, record.y):
-            sizes = np.fmax.reduce(np.abs(signals), axis=0)
-            wrong = sizes[(sizes > LARGEST_SIGNAL) | ((sizes > 0) & (sizes < 1.0 / LARGEST_SIGNAL))]
-            if wrong.size:
+    found = []
+    for signals in ([record.u for record in records], [record.y for record in records]):
+        every = [np.fmax.reduce(np.abs(one), axis=0).tolist() for one in signals]
+        for size in (size for sizes in every for size in sizes):
+            if size > LARGEST_SIGNAL or 0.0 < size < 1.0 / LARGEST_SIGNAL:
                 raise ScaleError(
-                    f"found values of the order {wrong[0]:.0e}; expected between "
+                    f"found values of the order {size:.0e}; expected between "
                     f"{1 / LARGEST_SIGNAL:.0e} and {LARGEST_SIGNAL:.0e}; choose other units"
                 )
+        found.append(every[0] if len(every) == 1 else np.fmax.reduce(every).tolist())
+    u, y = found
+    return u, y
 
 
 def steps_and_length(records: Sequence[Record]) -> tuple[float, float]:
@@ -191,18 +199,21 @@ def check_times(records: Sequence[Record]) -> None:
     check_span(shortest, longest)
 
 
-def check_scale(records: Sequence[Record], structure: Structure) -> None:
-    """Refuse orders and units whose coefficients have no room in a float."""
+def check_scale(
+    records: Sequence[Record], structure: Structure, u: Sequence[float], y: Sequence[float]
+) -> None:
+    """Refuse orders and units whose coefficients have no room in a float.
+
+    ``u``, ``y`` as of `check_signals`.
+    """
     first = records[0]
     shortest, longest = steps_and_length(records)
     check_time(0.0, longest, shortest)
     poles = structure.poles_matrix(first.n_outputs, first.n_inputs)
     zeros = structure.zeros_matrix(first.n_outputs, first.n_inputs)
-    u = np.max([np.abs(r.u).max(axis=0) for r in records], axis=0)
-    y = np.fmax.reduce([np.fmax.reduce(np.abs(r.y), axis=0) for r in records])
     check_coefficients(
         [
-            (poles[i][j], zeros[i][j], float(y[i] / u[j]))
+            (poles[i][j], zeros[i][j], y[i] / u[j])
             for i in range(first.n_outputs)
             for j in range(first.n_inputs)
             # a channel of zeros is refused for that

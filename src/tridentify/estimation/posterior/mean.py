@@ -39,8 +39,10 @@ coefficient and what is read off it. The standard error shown is half the width 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from statistics import NormalDist
 
 import numpy as np
@@ -49,7 +51,7 @@ from scipy.special import ndtri
 from tridentify.estimation.likelihood.cost import evaluate
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.estimation.posterior.first_draws import SEVERAL, first_draws
-from tridentify.estimation.posterior.many_cascades import Sections, coordinates, phi_of_a
+from tridentify.estimation.posterior.many_cascades import Sections, coordinates
 from tridentify.estimation.posterior.sampling import (
     WeightedDraws,
     resample,
@@ -173,24 +175,38 @@ class _Seen:
 
 
 def _seen(poles: Complex, cov: Array) -> list[_Seen]:
-    """Sections with what the covariance (n, n) of ``a_{n-1} .. a_0`` says of them."""
-    phi = coordinates(poles)
-    inverse = phi_of_a(phi)
-    spread = inverse @ cov @ inverse.T
-    n = phi.size
-    found = []
-    for i in range(n // 2):
-        w, zeta = float(np.exp(phi[2 * i])), float(np.exp(phi[2 * i + 1]))
-        c, d = 2.0 * zeta * w, w * w
-        own = spread[2 * i : 2 * i + 2, 2 * i : 2 * i + 2]
-        std_c = c * float(np.sqrt(max(own.sum(), 0.0)))
-        std_d = 2.0 * d * float(np.sqrt(max(own[0, 0], 0.0)))
-        found.append(_Seen(c, d, std_c, std_d, True))
-    if n % 2:
-        rate = float(np.exp(phi[-1]))
-        std = rate * float(np.sqrt(max(spread[-1, -1], 0.0)))
-        found.append(_Seen(0.0, rate, 0.0, std, False))
-    return found
+    """Sections with what the covariance (n, n) of ``a_{n-1} .. a_0`` says of them.
+
+    ``delta a = sum_i delta f_i prod_{j != i} f_j`` over the factors ``f_i``: linear in what changes
+    of them.
+    """
+    factors = _factors(poles)
+    n = len(cov)
+    if len(factors) > 1:
+        columns = []
+        for i, own in enumerate(factors):
+            rest = reduce(np.convolve, factors[:i] + factors[i + 1 :])
+            columns += [np.pad(rest, (k, own.size - 2 - k)) for k in range(own.size - 1)]
+        matrix = np.array(columns).T
+        scale = np.abs(matrix).max(axis=1, keepdims=True)
+        inverse = np.linalg.pinv(matrix / scale) / scale.T
+        cov = inverse @ cov @ inverse.T
+    std = [math.sqrt(max(value, 0.0)) for value in np.diagonal(cov).tolist()]
+    found = [
+        _Seen(float(own[1]), float(own[2]), std[2 * i], std[2 * i + 1], True)
+        for i, own in enumerate(factors[: n // 2])
+    ]
+    return [*found, _Seen(0.0, float(factors[-1][1]), 0.0, std[-1], False)] if n % 2 else found
+
+
+def _factors(poles: Complex) -> list[Array]:
+    """The sections and the factor of one pole, as `many_cascades.coordinates` pairs real poles."""
+    real = sorted(-z.real for z in poles.tolist() if z.imag == 0)
+    found = [(1.0, -2.0 * z.real, abs(z) ** 2) for z in poles.tolist() if z.imag > 0]
+    paired = len(real) // 2 * 2
+    pairs = zip(real[0:paired:2], real[1:paired:2], strict=True)
+    found += [(1.0, slow + fast, slow * fast) for slow, fast in pairs]
+    return [np.array(one) for one in (*found, *((1.0, rate) for rate in real[paired:]))]
 
 
 def vaguest(poles: Complex, cov: Array, longest: float) -> Vague:

@@ -28,24 +28,18 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
-from tridentify.estimation.likelihood.problem import Group, Problem, Variant
+from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.search.band import SPREAD_DAMPING, rate_limits, spread_poles
-from tridentify.estimation.search.banks import Banks
-from tridentify.models.columns import Regression
-from tridentify.models.parallel import ParallelFit, fit_parallel
-from tridentify.models.regression import restricted
-from tridentify.models.response import Response
-from tridentify.models.series_parallel import Filtering, fit_denominators
+from tridentify.estimation.search.banks import Banks, kept_columns, shifts
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.kept import cached_property
 from tridentify.numerics.least_squares import solve, triangle
-from tridentify.numerics.realization import Cascade, cascade, sort_poles
+from tridentify.numerics.realization import Cascade, sort_poles
 from tridentify.numerics.slices import Slices, drain
 
 TOGETHER = 4_000  # samples filtered through a bank each; more take some milliseconds at once
@@ -55,6 +49,16 @@ MOST_FUNCTIONS = 12
 """Most Laguerre functions; AICc says how many."""
 MOST_SPREAD = 30
 """Poles spread over the band, some nine a decade of a record of a few thousand samples."""
+
+
+class Reduction(NamedTuple):
+    """What `compiled_reduction.reductions` gives."""
+
+    rows: Array
+    costs: Array
+    together: Complex
+    alone: Complex
+    shortened: Complex
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,26 +113,38 @@ class ParallelStart:
         return self.banks.bank(self.place)
 
     @cached_property
-    def regressions(self) -> tuple[Regression, ...]:
-        """The triangles on ``bank``."""
-        return self.variant.regressions(self.banks.regressions(self.place), self.bank)
+    def reduction(self) -> Reduction:
+        """Step 1, and the poles that the model is reduced to in every way."""
+        from tridentify.estimation.search.compiled_reduction import reductions
 
-    @cached_property
-    def fit(self) -> ParallelFit:
-        """Step 1."""
-        rows = np.eye(self.order, self.bank.order)
-        direct = np.zeros(self.order)
-        free_rows = rows
-        if self.problem.biproper:
-            rows = np.vstack([rows, np.zeros(self.bank.order)])
-            direct = np.append(direct, 1.0)
-        return fit_parallel(self.regressions, rows, direct, free_rows=free_rows)
+        problem, banks, variant, filters = self.problem, self.banks, self.variant, self.filters
+        stack, which, targets, _ = banks.together
+        stack = banks.shifted(variant) if shifts(variant) else stack
+        orders, _, group, zeros = problem.pattern
+        found = reductions(
+            stack[self.place],
+            which,
+            targets[self.place],
+            int(banks.layout.free),
+            variant.free,
+            np.array(kept_columns(banks.layout, variant), dtype=np.int64),
+            self.order,
+            problem.biproper,
+            self.bank.a,
+            self.bank.b,
+            group,
+            zeros,
+            orders,
+            np.array([one.size for one in filters], dtype=np.int64),
+            np.concatenate(filters) if filters else np.zeros(0, dtype=np.complex128),
+            float(sum(e.n_samples for e in problem.experiments)),
+            1e-30 * problem.size,
+        )
+        return Reduction(*found)
 
     def candidates(self) -> list[Complex]:
         """Admissible poles by Step 2 and by balanced truncation."""
-        found = [self.filtered_poles(), self.reduced_poles()]
-        if len(self.problem.groups) > 1:
-            found.insert(1, self.filtered_poles(alone=True))
+        found = [self.filtered_poles(), self.filtered_poles(alone=True), self.reduced_poles()]
         return [poles for poles in found if poles is not None]
 
     def filtered_poles(self, *, alone: bool = False) -> Complex | None:
@@ -137,72 +153,16 @@ class ParallelStart:
         Parameters
         ----------
         alone : bool
-            Every denominator from its own part of the output, not all from their sum.
+            Every denominator from its own part of the output, not all from their sum; None where
+            there is but one.
         """
-        if not self.filters:
-            return None
-        filterings = [
-            Filtering(
-                cascade(poles),
-                group.order,
-                self.bank,
-                slice(0, self.bank.order),
-                _channels(self.problem, group),
-            )
-            for group, poles in zip(self.problem.groups, self.filters, strict=True)
-        ]
-        regressions, response = self.regressions, self.fit.response
-        if len(filterings) > 1:
-            # the free response is not known denominator by denominator, so it is left out
-            regressions = tuple(
-                restricted(r, self.bank, free=False, offset=False, drift=False) for r in regressions
-            )
-            response = Response(response.rows, response.direct, np.zeros_like(response.free))
-        together = [[one] for one in filterings] if alone else [filterings]
-        weights, zeros = self._weights(), self.problem.n_zeros
-        found = [
-            fit_denominators(regressions, response, some, zeros, weights).poles for some in together
-        ]
-        return self.problem.admissible(np.concatenate(found))[0]
+        found = self.reduction.alone if alone else self.reduction.together
+        return self.problem.admissible(found)[0] if found.size else None
 
     def reduced_poles(self) -> Complex | None:
         """Balanced truncation of every denominator's part of the parallel model."""
-        k = self.order
-        if k < max(group.order for group in self.problem.groups):
-            return None
-        a = self.bank.a[:k, :k]
-        weighted = self.fit.response.rows[:, :, :k] * self._weights()[:, None, None]
-        found = []
-        for group in self.problem.groups:
-            c = weighted[_channels(self.problem, group)]
-            gramian = _observability(a, c)
-            vectors = np.linalg.eigh(0.5 * (gramian + gramian.T))[1][:, -group.order :]
-            poles = np.linalg.eigvals(vectors.T @ a @ vectors).astype(np.complex128)
-            found.append(sort_poles(poles))
-        return self.problem.admissible(np.concatenate(found))[0]
-
-    def _weights(self) -> Array:
-        problem = self.problem
-        samples = sum(e.n_samples for e in problem.experiments)
-        return np.asarray(1.0 / np.sqrt(self.fit.cost / samples + 1e-30 * problem.size))
-
-
-def _observability(a: Array, c: Array) -> Array:
-    """Gramian ``Q`` of ``A' Q + Q A + C' C = 0``; of real poles alone ``A'`` is triangular already.
-
-    Then this is the last of the three steps of the general solver (Bartels & Stewart 1972).
-    """
-    if np.any(np.triu(a, 1)):
-        return np.asarray(scipy.linalg.solve_continuous_lyapunov(a.T, -(c.T @ c)))
-    found, scale, _ = scipy.linalg.lapack.dtrsyl(a.T, a.T, -(c.T @ c), tranb="T")
-    return np.asarray(scale * found)
-
-
-def _channels(problem: Problem, group: Group) -> NDArray[np.bool_]:
-    """(n_outputs, n_inputs) which channels a group has."""
-    found = np.zeros((problem.n_outputs, problem.n_inputs), dtype=bool)
-    found[tuple(np.transpose(group.channels))] = True
-    return found
+        found = self.reduction.shortened
+        return self.problem.admissible(found)[0] if found.size else None
 
 
 def discrete_poles(base: Problem) -> Complex:

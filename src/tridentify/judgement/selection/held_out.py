@@ -209,7 +209,7 @@ def directions(estimate: Estimate, records: Sequence[Record]) -> list[Array]:
     """
     problem = problem_of(estimate, records, stated(estimate))
     point = evaluate(problem, poles_of_estimate(estimate, problem))
-    columns, matrix, _ = point.jacobian()
+    matrix, _ = point.jacobian()
     noise = np.sqrt(point.rss / np.maximum(point.counts, 1))
     noise = np.where(noise > 0, noise, 1.0)
     unknowns = np.eye(matrix.shape[1])
@@ -224,7 +224,7 @@ def directions(estimate: Estimate, records: Sequence[Record]) -> list[Array]:
         ]
     )
     along = np.zeros(matrix.shape[1], dtype=bool)
-    for key, at in columns.width.items():
+    for key, at in point.width.items():
         along[at] = _is_nuisance(key)
     nuisance = _basis(np.nan_to_num(stacked[:, along]))
     rest = np.nan_to_num(stacked[:, ~along])

@@ -140,8 +140,8 @@ def select_structure(
     else:
         structures = checked_candidates(candidates)
     if structures and all(record.n_samples for record in given):
-        check_signals(given)
-        check_scale(given, min(structures, key=lambda one: np.max(one.poles)))
+        sizes = check_signals(given)
+        check_scale(given, min(structures, key=lambda one: np.max(one.poles)), *sizes)
     say = progress or (lambda _: None)
     with one_blas_thread():
         settled = settle(given, unseen, structures, chosen, say)

@@ -110,7 +110,7 @@ def weighted_rows(model: ParallelStart) -> Array:
     denominator.
     """
     return np.asarray(
-        (model.fit.response.rows[:, :, : model.order] * scales(model)[:, :, None]).reshape(
+        (model.reduction.rows[:, :, : model.order] * scales(model)[:, :, None]).reshape(
             -1, model.order
         )
     )
@@ -120,7 +120,7 @@ def scales(model: ParallelStart) -> Array:
     """(n_outputs, n_inputs) root mean square of the input over that of the noise."""
     problem = model.problem
     samples = sum(e.n_samples for e in problem.experiments)
-    noise = np.sqrt(model.fit.cost / samples + 1e-30 * problem.size)
+    noise = np.sqrt(model.reduction.costs / samples + 1e-30 * problem.size)
     energy = np.sum([np.sum((e.u - e.u.mean(axis=0)) ** 2, axis=0) for e in problem.experiments], 0)
     size = np.sqrt(energy / samples)
     return np.asarray(np.where(size > 0, size, 1.0)[None, :] / noise[:, None])
