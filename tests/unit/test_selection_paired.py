@@ -160,7 +160,7 @@ def test_what_is_slight_is_a_reason_where_no_delay_is_missing_beside_the_poles()
     assert recommend([late, many], 1, **sure, lags=True).place == 0
     # held-out samples do not tell the two apart
     alike = replace(trial(3, noise(1, 0.002)), late=True, misses=True)
-    larger = trial(5, noise(1, 0.001999))
+    larger = trial(5, noise(2, 0.00198))
     assert recommend([alike, larger], 1, **sure, lags=True).place == 0
 
 
