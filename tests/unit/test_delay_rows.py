@@ -74,3 +74,27 @@ def test_a_delay_that_is_worth_more_than_a_pole_gets_a_row():
     asked = [(1, 0), (2, 0), (4, 2)]
     rows = select_structure(circuit(0, 240), asked, delays=True).rows
     assert "1, 0, free delay" in [row.label for row in rows]
+
+
+def quarter_car(seed: int, slowest: float) -> Record:
+    """Two masses on springs over a road that is measured; the tyre is an order faster."""
+    sprung, unsprung, spring, damper, tyre = 300.0, 40.0, 16e3, 1200.0, 180e3
+    between = np.array([damper, spring])
+    body, wheel = np.array([sprung, damper, spring]), np.array([unsprung, damper, spring + tyre])
+    den = np.polysub(np.polymul(body, wheel), np.polymul(between, between))
+    plant = TransferFunction(tyre * between / den[0], den / den[0])
+    rng = np.random.default_rng(seed)
+    kept, road = np.exp(-2.0 * np.pi * slowest * 0.01), np.zeros(1600)
+    for k in range(1, road.size):
+        road[k] = kept * road[k - 1] + rng.standard_normal()
+    road *= 0.02 / np.std(road)
+    y = simulate(plant, Record(road, road, dt=0.01, intersample="foh"))
+    y = y + 0.02 * np.std(y) * rng.standard_normal(y.shape)
+    return Record(road, y, dt=0.01, intersample="foh")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "slowest"), [(11, 0.2), (12, 1.0)])
+def test_a_second_mass_is_no_dead_time_however_little_it_adds(seed, slowest):
+    chosen = select_structure(quarter_car(seed, slowest)).recommended
+    assert chosen.label == "4, 1"

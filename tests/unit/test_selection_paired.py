@@ -149,6 +149,21 @@ def test_what_is_slight_is_no_reason_for_poles_that_may_stand_for_a_delay():
     assert recommend([late, many], 1, explains=True, sharp=True, ends=True).place == 1
 
 
+def test_what_is_slight_is_a_reason_where_no_delay_is_missing_beside_the_poles():
+    few, many = of_sizes(noise(0, 0.002) + 0.0195 * wave(20.0), noise(0, 0.002))
+    late = replace(few, late=True)
+    missing = replace(late, misses=True)
+    sure = {"explains": True, "sharp": True, "ends": False}
+    assert recommend([missing, many], 1, **sure, lags=True).place == 1
+    # the poles may stand for a delay, or nothing in its residual speaks against it
+    assert recommend([missing, many], 1, **sure).place == 0
+    assert recommend([late, many], 1, **sure, lags=True).place == 0
+    # held-out samples do not tell the two apart
+    alike = replace(trial(3, noise(1, 0.002)), late=True, misses=True)
+    larger = trial(5, noise(2, 0.00198))
+    assert recommend([alike, larger], 1, **sure, lags=True).place == 0
+
+
 def test_what_is_of_some_size_is_a_reason():
     few, many = of_sizes(noise(0, 0.002) + 0.06 * wave(20.0), noise(0, 0.002))
     trials = [replace(few, late=True), many]

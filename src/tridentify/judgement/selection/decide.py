@@ -60,6 +60,8 @@ class OrderEvidence:
         What `identify` gives for each.
     held : tuple of HeldOut
         What became of these on samples that they have not seen.
+    lags : bool
+        Whether a delay beside the poles of the likeliest one explains nothing more.
     """
 
     records: tuple[Record, ...]
@@ -68,6 +70,7 @@ class OrderEvidence:
     table: SelectionTable
     whole: tuple[Entry, ...]
     held: tuple[HeldOut, ...]
+    lags: bool = False
 
     def rows(self) -> list[SelectionRow]:
         """What is shown of each candidate: all of its own estimate, but the criteria."""
@@ -86,10 +89,11 @@ class OrderEvidence:
 
 @dataclass(frozen=True, eq=False)
 class Decision:
-    """The rows, what the likelihood says of them, and the verdict."""
+    """The rows, what the likelihood says of them and which it prefers, and the verdict."""
 
     rows: tuple[SelectionRow, ...]
     contenders: tuple[Contender, ...]
+    likeliest: int | None
     verdict: Verdict
 
 
@@ -118,19 +122,31 @@ def decide(known: OrderEvidence, least: int = 0) -> Decision:
         and not misleads(table.entries[likeliest], known.records)
     )
     noise = () if likeliest is None else table.noise[likeliest]
+    trials = [
+        replace(_trial(row, fit, noise, known.judges), misses=_misses_late(known, k))
+        for k, (row, fit) in enumerate(zip(rows, known.held, strict=True))
+    ]
     verdict = recommend(
-        [_trial(row, fit, noise, known.judges) for row, fit in zip(rows, known.held, strict=True)],
+        trials,
         likeliest,
         explains=explains,
         sharp=likeliest is not None and (found or _is_sharp(rows[likeliest])),
         ends=found,
         least=least,
+        lags=known.lags,
     )
     place = _with_more(rows, contenders, verdict.place)
     verdict = replace(verdict, place=place)
     if place is not None and verdict.by == "likelihood":
         rows[place] = replace(rows[place], doubts=objections[place])
-    return Decision(tuple(rows), tuple(contenders), verdict)
+    return Decision(tuple(rows), tuple(contenders), likeliest, verdict)
+
+
+def _misses_late(known: OrderEvidence, k: int) -> bool:
+    """Whether a row has a delay of its own, and its residual follows the input all the same."""
+    entry, noise = known.table.entries[k], known.table.noise[k]
+    late = known.structures[k].delay == "free" and entry.estimate is not None
+    return late and follows_input(entry, noise, known.records)
 
 
 def _with_more(

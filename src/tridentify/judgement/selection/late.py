@@ -139,6 +139,29 @@ def delayed(
     return [one.structure for one in sorted(kept)[:MOST]]
 
 
+def are_lags(rows: Sequence[SelectionRow], place: int, records: Sequence[Record]) -> bool:
+    """Whether a delay beside the poles of a row explains nothing more.
+
+    Poles that stand for dead time are never enough: it shows beside any number of them.
+
+    Parameters
+    ----------
+    rows : sequence of SelectionRow
+    place : int
+    records : sequence of Record
+        Those that were identified.
+    """
+    row = rows[place]
+    if not is_able(row):
+        return False
+    assert row.estimate is not None
+    try:
+        explained = _by_delays(present_of(row.estimate, records, row.estimate.noise_model))
+    except (TridentifyError, np.linalg.LinAlgError, FloatingPointError):
+        return False
+    return explained is None or explained.found[0].gain < CLEARLY
+
+
 def _free(rows: Sequence[SelectionRow], place: int) -> int | None:
     """The row itself, or that with its pole at zero free: a slow drift makes one beside lags."""
     sizes = [(one.structure.poles, one.structure.zeros) for one in rows]

@@ -38,6 +38,8 @@ constant that a record shows is about a fifth of it."""
 LEVEL = 0.01
 """Probability that a candidate which predicts as well as another is passed over for it. Ten
 candidates are compared with the best of them, so that the level of each is a tenth of the usual."""
+ONE_OF_TWO = 0.1
+"""The same where two are compared that stand there for other reasons: the usual level."""
 
 RANK = 1e-9
 """Singular value over the largest below which a nuisance term is no term of its own."""
@@ -86,9 +88,13 @@ class Contrast:
     @property
     def as_good(self) -> bool:
         """Whether the first one predicts no worse than the second, within the scatter."""
+        return self.is_within(LEVEL)
+
+    def is_within(self, level: float) -> bool:
+        """The same at another level."""
         if self.own <= self.other or self.groups < 2:
             return True
-        return self.t <= float(stdtrit(self.groups - 1, 1.0 - LEVEL))
+        return self.t <= float(stdtrit(self.groups - 1, 1.0 - level))
 
     @property
     def points(self) -> float:

@@ -39,7 +39,9 @@ itself not sharply known, a difference of less than one percent of the output's 
 standard error) buys no poles either: the wrong structure alone leaves more than that. Where the
 likeliest one is among the largest and has no delay, while one with a delay is there, poles of it
 may stand for the dead time: none of them is the true order then, and what it predicts besides has
-to be of some size (`SLIGHT`).
+to be of some size (`SLIGHT`). The record can refute that: where a delay beside these poles explains
+nothing more they are lags of the plant, and a candidate with a delay whose residual still follows
+the input is none of it.
 
 *Measured*: on random systems in `benchmarks/trust.py` and `tests/statistical/test_selection.py`; on
 random plants with drifts, gusts, surroundings that warm up, springs that stiffen, friction and
@@ -57,7 +59,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from tridentify.judgement.selection.criteria import Criteria
-from tridentify.judgement.selection.paired import Unseen, contrasts
+from tridentify.judgement.selection.paired import ONE_OF_TWO, Unseen, contrasts
 
 POINT = 1.0
 """Held-out fit [percent of the output's size] that is no reason for more coefficients where no
@@ -225,6 +227,8 @@ class Trial:
         Whether all that speaks against it is that coefficients are badly known.
     late : bool
         Whether it has a delay of its own.
+    misses : bool
+        Whether its residual follows the input all the same.
     """
 
     size: int
@@ -235,6 +239,7 @@ class Trial:
     order: tuple[int, int] = (0, 0)
     vague: bool = False
     late: bool = False
+    misses: bool = False
 
 
 @dataclass(frozen=True)
@@ -275,6 +280,7 @@ def recommend(
     sharp: bool,
     ends: bool = True,
     least: int = 0,
+    lags: bool = False,
 ) -> Verdict:
     """Combine likelihood and held-out prediction.
 
@@ -294,6 +300,8 @@ def recommend(
     least : int
         Poles that rise above the noise (`hankel`): candidates with fewer are not as good as the
         best where they leave far more than that (`TWICE`, `LARGE`).
+    lags : bool
+        Whether a delay beside the poles of the likeliest one explains nothing more.
 
     Examples
     --------
@@ -324,6 +332,7 @@ def recommend(
     elif not ends and not trials[place].late:
         late = [k for k in eligible if trials[k].late and trials[k].size < trials[place].size]
         near = [k for k in late if _apart(trials[k], trials[best]) <= SLIGHT]
+        near = [k for k in near if not (lags and _is_refuted(trials[k], trials[best]))]
         why = "slight"
     small = _smallest(trials, [*near, place])
     if _price(trials[small]) < _price(trials[place]):
@@ -389,6 +398,13 @@ def _price(trial: Trial) -> tuple[int, bool]:
 def _as_good(one: Trial, best: Trial) -> bool:
     """Whether a candidate predicts as well as the best: as it is, or on fair terms."""
     return any(contrast.as_good for contrast in contrasts(one.unseen, best.unseen))
+
+
+def _is_refuted(one: Trial, best: Trial) -> bool:
+    """Whether residual and held-out samples both speak against one, however little it leaves."""
+    return one.misses and not any(
+        contrast.is_within(ONE_OF_TWO) for contrast in contrasts(one.unseen, best.unseen)
+    )
 
 
 def _is_far(one: Trial, best: Trial) -> bool:

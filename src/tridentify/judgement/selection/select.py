@@ -41,7 +41,7 @@ from tridentify.judgement.selection.hankel import Hankel, hankel_values
 from tridentify.judgement.selection.held_out import HeldEstimate, HeldOut, cross_fit
 from tridentify.judgement.selection.higher import higher_candidates
 from tridentify.judgement.selection.integrators import integrating
-from tridentify.judgement.selection.late import delayed, direct_and_delayed
+from tridentify.judgement.selection.late import are_lags, delayed, direct_and_delayed
 from tridentify.judgement.selection.orders import (
     checked_candidates,
     default_candidates,
@@ -263,6 +263,10 @@ class _Work:
             asked = delayed(found.rows, found.verdict.place, self.records)
             evidence = self._with(evidence, asked, "candidates with a delay", unseen)
             found = decide(evidence) if asked else found
+            if found.verdict.by == "slight" and found.likeliest is not None:
+                lags = are_lags(found.rows, found.likeliest, self.records)
+                evidence = replace(evidence, lags=lags)
+                found = decide(evidence)
         rows, found, hankel = self._concluded(evidence, found)
         asked = direct_and_delayed(rows, found.verdict.place, self.records) if self.late else []
         if asked and isinstance(self.method, ThreeModel):
