@@ -114,6 +114,19 @@ def test_noise_of_a_smooth_input_is_told_unless_it_acted(acts, seed):
     assert ("input-noise" in codes) is not acts
 
 
+@pytest.mark.parametrize("seed", [3, pytest.param(4, marks=pytest.mark.slow)])
+def test_noise_of_a_sweep_is_told_and_no_bend_is_seen_in_it(seed):
+    rng = np.random.default_rng(seed)
+    t = np.arange(400) * DT
+    u = np.sin(2 * np.pi * (0.05 + 0.0375 * t) * t)  # to 1.5 Hz
+    y = noisy(response(u, between="foh"), rng)
+    noise = 0.15 * rng.standard_normal(t.size)
+    assert told(Record(u, y, dt=DT, intersample="foh")) == []
+    first = told(Record(u + noise, y, dt=DT, intersample="foh"))[0]
+    assert (first.code, first.kind) == ("input-noise", "floor")
+    assert "low-pass filter" in first.remedy
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "n"),

@@ -119,23 +119,32 @@ def directly(
 def _held(estimate: Estimate, records: Sequence[Record]) -> str:
     """What shows that a controller moves an input where no residual does; empty for nothing."""
     names = estimate.input_names
-    for told in _told(records):
+    for told in _told(estimate, records):
         if told is not None:
             return f"past outputs tell what {names[told.input]} does next"
-    shape = len(estimate.output_names), len(names)
-    poles = estimate.structure.poles_matrix(*shape)
-    proper = not np.any(np.array(poles) == np.array(estimate.structure.zeros_matrix(*shape)))
-    if not (proper and all(one.dt and one.behaviour == "zoh" for one in records)):
-        return ""  # an output that answers at once tells its input as well
+    if _at_once(estimate) or not all(one.dt and one.behaviour == "zoh" for one in records):
+        return ""
     for law in laws(records):
-        if law.lags is not None and told_apart(law, int(np.max(poles))):
+        if law.lags is not None and told_apart(law, _most_poles(estimate)):
             return f"a short law of outputs tells {names[law.input]}"
     return ""
 
 
-def _told(records: Sequence[Record]) -> list[Told | None]:
+def _most_poles(estimate: Estimate) -> int:
+    shape = len(estimate.output_names), len(estimate.input_names)
+    return int(np.max(estimate.structure.poles_matrix(*shape)))
+
+
+def _at_once(estimate: Estimate) -> bool:
+    """Whether an output answers at once: it then tells what a sensor adds to its input as well."""
+    shape = len(estimate.output_names), len(estimate.input_names)
+    poles = np.array(estimate.structure.poles_matrix(*shape))
+    return bool(np.any(poles == np.array(estimate.structure.zeros_matrix(*shape))))
+
+
+def _told(estimate: Estimate, records: Sequence[Record]) -> list[Told | None]:
     """Which input the past of each output tells, in what every estimate is judged by."""
-    if any(one.dt is None or one.reference is not None for one in records):
+    if _at_once(estimate) or any(one.dt is None or one.reference is not None for one in records):
         return []
     return told_by_past([beginning(one, LONGEST_LOOK) for one in records])
 
@@ -336,7 +345,7 @@ def _of_past(estimate: Estimate, records: Sequence[Record]) -> list[Finding]:
         return []
     found = [
         told_finding(one, estimate.input_names, name)
-        for one, name in zip(_told(records), estimate.output_names, strict=False)
+        for one, name in zip(_told(estimate, records), estimate.output_names, strict=False)
         if one is not None
     ]
     if estimate.route == "direct":

@@ -10,7 +10,8 @@ frequency, and the model fitted anew. Noise that acted is missing then, and the 
 worse; noise that did not was driving the model, with a residual that follows it, and is gone. What
 is left of an input so smoothed is an error that does not depend on the smoothed input, and biases
 nothing (Carroll et al. 2006, chapter 4: regression calibration), so that the coefficients move by
-the bias that the noise brought.
+the bias that the noise brought. The filter is that of the spectrum (Wiener), which bites into sines
+and sweeps, or one that takes off nothing below the edge, whichever leaves less.
 
 Reference: R. Carroll, D. Ruppert, L. Stefanski & C. Crainiceanu, *Measurement Error in Nonlinear
 Models*, 2nd ed., Chapman & Hall (2006).
@@ -186,20 +187,33 @@ def floor_rivals(present: Present) -> Iterator[Rival]:
         largest = max(found, key=lambda own: own.size)
         spread = max(float(np.std(record.u[:, j])) for record in records)
         edge = max(own.edge for own in found if own.size) * 0.5 / present.step
-        yield replace(
-            one(
-                "input-noise",
-                replace(present, records=tuple(_without(*pair, j) for pair in pairs)),
-                f"an input {name} without the noise of {largest.size:.2g} that was recorded with "
-                f"it ({100.0 * largest.size / spread:.2g} % of its spread; above {edge:.2g} Hz its "
-                "spectrum is flat)",
-                f"Give what {name} was told to be (the command), measure it with less noise, or "
-                "smooth it forth and back, which delays nothing: what was tried is a Wiener filter "
-                f"(gain 1 - floor / spectrum, none above {edge:.2g} Hz).",
-            ),
-            kind="floor",
-            calms=True,
-        )
+        for filter_, gains in (
+            (f"a Wiener filter (gain 1 - floor / spectrum, none above {edge:.2g} Hz)", 1),
+            (f"a low-pass filter (all below {edge:.2g} Hz, nothing above)", 0),
+        ):
+            pairs = [(record, own if gains else _below(own)) for record, own in pairs]
+            yield replace(
+                one(
+                    "input-noise",
+                    replace(present, records=tuple(_without(*pair, j) for pair in pairs)),
+                    f"an input {name} without the noise of {largest.size:.2g} that was recorded "
+                    f"with it ({100.0 * largest.size / spread:.2g} % of its spread; above "
+                    f"{edge:.2g} Hz its spectrum is flat)",
+                    f"Give what {name} was told to be (the command), measure it with less noise, "
+                    "or smooth it forth and back, which delays nothing: what was tried is "
+                    f"{filter_}.",
+                ),
+                kind="floor",
+                calms=True,
+            )
+
+
+def _below(own: Floor) -> Floor:
+    """With a filter that takes off what is above the edge, and nothing else.
+
+    A spectrum of lines, or one that wanders through the record, is not that of a taper's middle.
+    """
+    return own._replace(gain=(np.linspace(0.0, 1.0, own.gain.size) <= own.edge).astype(float))
 
 
 def _without(record: Record, own: Floor, j: int) -> Record:
