@@ -499,3 +499,16 @@ def test_a_test_of_response_by_least_squares():
     walks = [np.cumsum(np.random.default_rng(k).standard_normal(600)) for k in range(40)]
     pairs = zip(walks[::2], walks[1::2], strict=True)
     assert not any(_moved([y - y.mean()], [x[:, None]], 4, 4) for y, x in pairs)
+
+
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_a_step_that_is_answered_late_shows_a_response_to_a_model_without_delay(seed: int) -> None:
+    rng = np.random.default_rng(300 + seed)
+    u = np.where(np.arange(150) >= 10, 30.0, 0.0)
+    heater = TransferFunction([0.006], [1.0, 0.006], delay=40.0)
+    y = 25.0 + simulate(heater, Record(u, u, dt=5.0))[:, 0] + 0.1 * rng.standard_normal(150)
+    found = identify(Record(u, y, dt=5.0), Structure(1, 0), throw=False).findings
+    assert found[0].code == "delay"
+    assert not any(one.code == "no-response" for one in found)
+    walk = np.cumsum(rng.standard_normal(150))
+    assert not _moved([walk - walk.mean()], [u[:, None]], 1, 3)

@@ -293,3 +293,18 @@ def test_the_behaviour_that_was_taken_is_among_the_notes(record, structure):
     found = identify(record.slice(0.0, 34 * record.dt).between("auto"), structure)
     (note,) = [note for note in found.notes() if note.startswith("input taken as")]
     assert note == "input taken as held between its samples (zoh)"
+
+
+def test_what_is_no_record_or_no_model_is_refused_in_one_line(tmp_path) -> None:
+    u = np.repeat([1.0, -1.0], 30)
+    record = Record(u, 0.1 * np.cumsum(u), dt=0.1)
+    estimate = identify(record, Structure(1, 0), throw=False)
+    with pytest.raises(OptionError, match=r"experiment=9.*0 to 0"):
+        estimate.predict(record, experiment=9)
+    with pytest.raises(SampleTypeError, match="NoneType in place of a record"):
+        tridentify.validate(estimate, None)
+    with pytest.raises(SampleTypeError, match=r"measured=frequency_response\(record\)"):
+        tridentify.plots.plot_bode(estimate, measured=record)
+    with pytest.raises(SampleTypeError, match="Record in place of a model"):
+        tridentify.export.write_c_header(record, 0.1, tmp_path / "a.h")
+    assert not list(tmp_path.iterdir())

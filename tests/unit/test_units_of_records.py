@@ -86,3 +86,28 @@ def test_a_unit_of_an_excitation_or_a_physical_parameter_is_checked() -> None:
         PhysicalParameter("m", "kg\u2028")
     with pytest.raises(errors.PhysicalParameterError, match="printable"):
         PhysicalParameter("m\n", "kg")
+
+
+@pytest.mark.parametrize(
+    ("name", "step"),
+    [
+        ("minutes", 60.0),
+        ("TimeUS", 1e-6),
+        ("timeMs", 1e-3),
+        ("t_hours", 3600.0),
+        ("Zeit in Minuten", 60.0),
+        ("ms", 1e-3),
+        ("uptime_s", 1.0),
+        ("ticks", 1.0),
+    ],
+)
+def test_a_column_of_time_that_is_called_by_its_unit_counts_in_it(name: str, step: float) -> None:
+    table = f"{name},u,y\n" + "".join(f"{k},{k % 3},{k % 5}\n" for k in range(8))
+    record = read_record(table.encode(), time=name, inputs=["u"], outputs=["y"])
+    assert record.dt == pytest.approx(step)
+
+
+def test_a_column_of_minima_is_not_taken_for_time_by_its_name() -> None:
+    table = "min,u,y\n" + "".join(f"{k},{k % 3},{k % 5}\n" for k in range(8))
+    with pytest.raises(errors.SamplingError, match="name the column of time"):
+        read_record(table.encode(), inputs=["u"], outputs=["y"])

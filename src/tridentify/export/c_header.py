@@ -21,7 +21,7 @@ from typing import Literal
 
 import numpy as np
 
-from tridentify.errors import OptionError, shown
+from tridentify.errors import OptionError, SampleTypeError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.export.discrete import Block, Method, blocks_of
 from tridentify.export.words import in_c_comment
@@ -111,6 +111,11 @@ def c_header(
     if number not in ("double", "float"):
         raise OptionError(f"found number={shown(number)}; expected 'double' or 'float'; choose one")
     plant = model.model if isinstance(model, Estimate) else model
+    if not isinstance(plant, TransferFunction):
+        raise SampleTypeError(
+            f"found {type(plant).__name__} in place of a model; expected an Estimate or a "
+            "TransferFunction; give what identify gives"
+        )
     blocks = blocks_of(plant, dt, method, prewarp)
     length = max(block.memory for block in blocks) + 1
     upper = name.upper()

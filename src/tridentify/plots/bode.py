@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from tridentify.errors import SampleTypeError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.parameter import checked_level
 from tridentify.judgement.advice import FrequencyResponse
@@ -81,6 +82,11 @@ def plot_bode(
     ['stiff', 'soft']
     """
     lines = lines_of(models, names, "plot_bode(estimate) or plot_bode([one, other])", axes)
+    if not (measured is None or isinstance(measured, FrequencyResponse)):
+        raise SampleTypeError(
+            f"found {type(measured).__name__} in place of a measured frequency response; expected "
+            "what frequency_response gives; write measured=frequency_response(record)"
+        )
     grid = default_frequencies(*lines) if omega is None else frequencies(omega, EXAMPLE)
     bands = [_band(line, grid, level) for line in lines]
     named = named_first(lines)

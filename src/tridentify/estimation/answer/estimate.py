@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from tridentify.errors import DataError
+from tridentify.errors import DataError, OptionError
 from tridentify.estimation.answer.encoding import (
     check_covariance,
     check_draws,
@@ -149,6 +149,11 @@ class Estimate(EstimateInWords, EstimateViews):
             raise DataError(
                 f"found a record with {found[0]} inputs and {found[1]} outputs; expected "
                 f"{expected[0]} and {expected[1]} as identified; select its channels first"
+            )
+        if not (isinstance(experiment, (int, np.integer)) and 0 <= experiment < len(self.nuisance)):
+            raise OptionError(
+                f"found experiment={experiment!r}; expected the number of one that was identified, "
+                f"0 to {len(self.nuisance) - 1}; leave it out for the first"
             )
         record = record.settled(self.intersample)
         terms = self.nuisance[experiment]

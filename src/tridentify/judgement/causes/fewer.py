@@ -54,6 +54,12 @@ smaller structures, the 76 that did as well promised up to 0.94, and what was fi
 
 MORE_LAGS = 2
 """Lags of the input beyond the number of poles: a model of that order and a sample of delay."""
+
+LATEST = 20
+"""Lags of the input [samples] up to which a response may begin. A single step meets a past that
+tells all but its first samples: where these come late, or softly, the model that is too small for
+that must not be told that there is no response."""
+
 MOVED_BY_CHANCE = 1e-4
 """Probability that inputs without effect seem to have one; a response is then only not denied."""
 
@@ -253,14 +259,30 @@ def _moved(series: Sequence[Array], inputs: Sequence[Array], order: int, lags: i
     Where a fit with coloured noise ends in a valley of its own this shows a response all the same:
     the problem is convex, and the differences of two walks know nothing of each other.
     """
-    longest = max(order, lags - 1)
+    if _gains(series, inputs, order, [range(lags)], MOVED_BY_CHANCE):
+        return True
+    later = [range(begin, begin + lags) for begin in range(1, LATEST)]
+    return _gains(series, inputs, order, [*later, range(LATEST)], MOVED_BY_CHANCE)
+
+
+def _gains(
+    series: Sequence[Array],
+    inputs: Sequence[Array],
+    order: int,
+    windows: Sequence[range],
+    chance: float,
+) -> bool:
+    """Whether the lags of the input in any window tell more than chance lets the best of them."""
+    longest = max(order, windows[0][-1])
     rows, targets = [], []
     for y, u in zip(series, inputs, strict=True):
         if y.size <= longest:
             continue
         k = np.arange(longest, y.size)
         past = [y[k - 1 - j] for j in range(order)]
-        given = [u[k - j, m] - u[:, m].mean() for j in range(lags) for m in range(u.shape[1])]
+        moved = u - u.mean(axis=0)
+        # before the record the input is where it begins
+        given = [moved[np.maximum(k - j, 0)] for j in range(windows[-1][-1] + 1)]
         rows.append(np.column_stack([np.ones(k.size), *past, *given]))
         targets.append(y[k])
     if not rows:
@@ -270,17 +292,27 @@ def _moved(series: Sequence[Array], inputs: Sequence[Array], order: int, lags: i
     table, target = table[seen], target[seen]
     sizes = np.linalg.norm(table, axis=0)
     table /= np.where(sizes > 0.0, sizes, 1.0)
-    if target.size < 2 * table.shape[1]:
-        return False
-    left = []
-    for part in (table[:, : order + 1], table):
-        found, _, rank, _ = np.linalg.lstsq(part, target, rcond=1e-10)
-        left.append((float(np.sum((target - part @ found) ** 2)), int(rank)))
-    (alone, fewer), (whole, more) = left
-    if not (more > fewer and whole > 0.0):
-        return False
-    gain = target.size * float(np.log(alone / whole))
-    return bool(gain > chdtri(more - fewer, MOVED_BY_CHANCE))
+    alone, fewer = _unexplained(table[:, : order + 1], target)
+    n_inputs = inputs[0].shape[1]
+    for window in windows:
+        first = order + 1 + window[0] * n_inputs
+        given = table[:, first : first + len(window) * n_inputs]
+        part = np.column_stack([table[:, : order + 1], given])
+        if target.size < 2 * part.shape[1]:
+            continue
+        whole, more = _unexplained(part, target)
+        if not (more > fewer and whole > 0.0):
+            continue
+        gain = target.size * float(np.log(alone / whole))
+        if gain > chdtri(more - fewer, chance / len(windows)):
+            return True
+    return False
+
+
+def _unexplained(table: Array, target: Array) -> tuple[float, int]:
+    """What least squares leave of a target, and the rank of the table."""
+    found, _, rank, _ = np.linalg.lstsq(table, target, rcond=1e-10)
+    return float(np.sum((target - table @ found) ** 2)), int(rank)
 
 
 def _noise_of(series: Sequence[Array], output: int) -> Array:

@@ -7,7 +7,7 @@ it is asked for or the next one is made; so is one quick look.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from operator import attrgetter
 from typing import Any
@@ -174,7 +174,8 @@ def _on_its_clock(estimate: Estimate, given: Sequence[Record]) -> list[Record]:
 
 
 def _listed(record: Record | Sequence[Record]) -> list[Record]:
-    found = [record] if isinstance(record, Record) else list(record)
+    alone = isinstance(record, Record) or not isinstance(record, Iterable)
+    found = [record] if alone else list(record)
     if not found or not all(isinstance(one, Record) for one in found):
         what = type(found[0]).__name__ if found else "nothing"
         raise SampleTypeError(

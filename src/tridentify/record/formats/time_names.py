@@ -19,7 +19,22 @@ LONGER_NAMES = ("elapsed", "elapsed time", "x value", *COUNTED)
 WITH_UNIT = (*TIME_NAMES, *LONGER_NAMES[:2], "timestamp", "time stamp", "stamp")
 """What stands before a unit at the end of a name: ``t_ms``, ``timestamp_us``."""
 
-ENDING = re.compile(r"(?P<name>.*[^ _-])[ _-]+(?P<unit>ms|us|µs|μs|ns|s|sec|min|h)")
+ENDINGS = ("ms", "us", "µs", "μs", "ns", "s", "sec", "min", "h")
+ENDING = re.compile(rf"(?P<name>.*[^ _-])[ _-]+(?P<unit>{'|'.join(ENDINGS)})")
+
+SPELT = {
+    "s": ("s", "sec", "secs", "second", "seconds", "sekunden"),
+    "ms": ("ms", "msec", "milli", "millis", "millisecond", "milliseconds", "millisekunden"),
+    "us": ("us", "µs", "μs", "usec", "micro", "micros", "microsecond", "microseconds"),
+    "ns": ("ns", "nsec", "nano", "nanos", "nanosecond", "nanoseconds"),
+    "min": ("min", "mins", "minute", "minutes", "minuten"),
+    "h": ("h", "hr", "hrs", "hour", "hours", "stunden"),
+    "d": ("d", "day", "days", "tage"),
+}
+"""How people and loggers write units where a name is one, or ends on one."""
+
+RUN_ON = re.compile(r"(?i:time|timestamp|stamp|elapsed|clock)(?P<unit>Ms|MS|Us|US|Ns|NS|Sec|Min)")
+"""A unit without anything between: ``timeMs``, and the ``TimeUS`` of ArduPilot."""
 
 STAMPS = ("timestamp", "time stamp", "epoch", "unix time")
 """What may be time where its numbers tell since when and in what they count."""
@@ -36,15 +51,22 @@ EPOCHS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
 
 
 def unit_in_name(name: str) -> str:
-    """The unit of time that a name ends on; empty where it ends on none.
+    """The unit of time that a name is or ends on; empty where there is none.
+
+    It is asked of columns that were taken as time: ``min`` of another may be the smallest.
 
     Examples
     --------
     >>> unit_in_name("stamp_ms"), unit_in_name("logged"), unit_in_name("Time s")
     ('ms', '', 's')
+    >>> unit_in_name("Minutes"), unit_in_name("TimeUS"), unit_in_name("Zeit in Minuten")
+    ('min', 'us', 'min')
     """
-    match = ENDING.fullmatch(name.strip())
-    return match["unit"] if match else ""
+    match = ENDING.fullmatch(name.strip()) or RUN_ON.fullmatch(name.strip())
+    last = match["unit"] if match else re.split(r"[ _.-]+", name.strip(" ()[]."))[-1]
+    if match and last in ENDINGS:
+        return last
+    return next((unit for unit, words in SPELT.items() if last.casefold() in words), "")
 
 
 def unit_of_clock(name: str) -> str:
