@@ -51,16 +51,29 @@ def unknown(tests: Mapping[str, Sequence[pytest.Function]]) -> list[str]:
     ]
 
 
+def contradicted(tests: Mapping[str, Sequence[pytest.Function]]) -> list[str]:
+    """One line for every test that names cases to stay, and is slow in each of them."""
+    return [
+        f"found marks fast and slow at {test}; expected a case that stays, or slow alone"
+        for test, cases in tests.items()
+        if all(
+            case.get_closest_marker("slow")
+            for case in cases
+            if any(matches(case_of(case), name) for name in kept(case))
+        )
+    ]
+
+
 def leave_the_others_to_the_slow_run(items: Iterable[pytest.Item], whole: bool) -> None:
     """Mark what is not named slow; `whole` if items are whole files, so that names can be checked.
 
     Raises
     ------
     pytest.UsageError
-        If a name is none of a case.
+        If a name is none of a case, or no case that is named stays.
     """
     tests = marked(items)
-    wrong = unknown(tests) if whole else []
+    wrong = [*unknown(tests), *contradicted(tests)] if whole else []
     if wrong:
         raise pytest.UsageError("\n".join(wrong))
     for case in (case for cases in tests.values() for case in cases):

@@ -32,7 +32,6 @@ def _two_processors(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.usefixtures("_two_processors")
 @pytest.mark.parametrize("part", ["model", "tests"])
-@pytest.mark.fast("tests")
 def test_another_process_draws_the_same_pictures(case, part):
     record, estimate = case
     with hired() as artist:

@@ -110,7 +110,6 @@ def test_a_disturbance_that_grows_is_no_plant_that_does():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [38, 5])
-@pytest.mark.fast("5")
 def test_steps_to_and_fro_come_to_rest(seed):
     """The valleys of these records are so curved that whole steps hardly end.
 

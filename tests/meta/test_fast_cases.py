@@ -42,6 +42,19 @@ def test_a_name_that_no_case_has_is_an_error(request: pytest.FixtureRequest) -> 
         slow(request, ["one", "two"], ["one", "three"])
 
 
+def test_a_test_that_is_slow_in_the_cases_that_it_names_is_an_error(
+    request: pytest.FixtureRequest,
+) -> None:
+    made = pytest.Function.from_parent(
+        request.node.parent, name="t[one]", originalname="t", callobj=lambda: None
+    )
+    made.callspec = SimpleNamespace(id="one")
+    made.add_marker(pytest.mark.fast("one"))
+    made.add_marker(pytest.mark.slow)
+    with pytest.raises(pytest.UsageError, match=r"fast and slow at .*::t; expected a case"):
+        leave_the_others_to_the_slow_run([made], whole=True)
+
+
 @pytest.mark.parametrize(
     ("case", "name", "expected"),
     [

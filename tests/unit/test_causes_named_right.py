@@ -54,7 +54,6 @@ def driven(kind, seed):
 @pytest.mark.parametrize(
     "seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in range(2, 6))]
 )
-@pytest.mark.fast("1-behind-*")
 @pytest.mark.slow
 def test_play_is_told_from_friction(kind, said, seed):
     found = first_of(driven(kind, seed))
@@ -162,7 +161,6 @@ def clipped(seed, spikes=4):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("spikes", [1, 4])
-@pytest.mark.fast("4-1")
 def test_a_spike_makes_no_hung_sensor_of_a_limit(seed, spikes):
     codes = [
         one.code

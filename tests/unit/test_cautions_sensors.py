@@ -249,7 +249,6 @@ def test_saturation_is_noticed_at_any_share(share, sides, level, steps, noise):
     [0.0, pytest.param(0.02, marks=pytest.mark.slow), pytest.param(0.1, marks=pytest.mark.slow)],
 )
 @pytest.mark.parametrize("level", [0.0, pytest.param(0.003, marks=pytest.mark.slow)])
-@pytest.mark.fast("0.0-0.0-0.003")
 def test_flat_tops_of_a_fast_system_raise_no_alarm(ratio, steps, level):
     """Plateaus at both ends that are entered at a jump, and a model of too low an order."""
     rng = np.random.default_rng(14)

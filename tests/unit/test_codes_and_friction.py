@@ -74,7 +74,6 @@ def test_a_coarse_slow_sensor_is_told_of_its_steps_alone(seed):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [11, 13, 15])
-@pytest.mark.fast("15")
 def test_a_drive_that_friction_stops_has_no_sensor_that_hung(seed):
     rng = np.random.default_rng(seed)
     u = 6.0 * steps(rng, 500, 20, 60)
@@ -111,7 +110,6 @@ def test_an_input_that_rests_at_nothing_is_not_cut_off():
 
 
 @pytest.mark.parametrize("seed", range(8))
-@pytest.mark.fast("1")
 @pytest.mark.slow
 def test_an_encoder_of_a_drive_that_friction_stops_has_not_hung(seed):
     """It leaves standstill by several of its steps at once, and goes on from where it stood."""

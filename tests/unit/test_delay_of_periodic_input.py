@@ -6,8 +6,22 @@ import numpy as np
 import pytest
 
 from tridentify import OutputError, Record, Structure, TransferFunction, identify, simulate
+from tridentify.estimation.answer.decision import DecisionKind
+from tridentify.estimation.search.delays import repeated_inputs, repeats
 
 pytestmark = pytest.mark.unjudged
+
+
+def test_an_input_that_repeats_itself_is_known_by_its_period():
+    u = np.tile(np.repeat([1.0, -1.0], 5), 8)
+    record = Record(u, u, dt=0.1)
+    assert repeats(record, 0) == (pytest.approx(0.5), -1)
+    (told,) = repeated_inputs([record])
+    assert told.kind is DecisionKind.REPEATED_INPUT
+    assert "after 0.5 s, inverted" in told
+    once = Record(np.arange(80.0) >= 20.0, u, dt=0.1)
+    assert repeats(once, 0) is None
+    assert repeated_inputs([record, once]) == []
 
 
 @pytest.mark.slow

@@ -109,7 +109,6 @@ def test_places_of_a_record_and_room_around_them():
 
 
 @pytest.mark.parametrize("seed", [4, 9, 12])
-@pytest.mark.fast("4")
 @pytest.mark.slow
 def test_needless_poles_do_not_send_the_delay_away(seed):
     # a first order with dead time under a slow input and slow noise, asked for with four poles

@@ -208,7 +208,6 @@ def swept(seed: int, numerator: list[float] | None = None, n: int = 1000) -> Rec
 
 
 @pytest.mark.parametrize("count", [1, 4])
-@pytest.mark.fast("1")
 @pytest.mark.slow
 def test_a_force_that_is_measured_under_a_sweep_tells_a_direct_part(count: int) -> None:
     """Where operators miss too much of two resonances, only the candidates themselves tell."""

@@ -90,7 +90,6 @@ def test_remedies_that_contradict_each_other_are_reconciled():
 
 
 @pytest.mark.parametrize("seed", [3, 4, 5])
-@pytest.mark.fast("3")
 @pytest.mark.slow
 def test_a_larger_model_is_advice_where_the_fit_rises(seed):
     record = with_a_mode(seed, 0.02, 0.05)
@@ -121,7 +120,6 @@ def spoiled(loss, seed=6):
 
 
 @pytest.mark.parametrize("loss", ["huber", "student"])
-@pytest.mark.fast("huber")
 @pytest.mark.slow
 def test_a_robust_fit_is_not_told_to_use_a_robust_loss(loss):
     estimate, _ = spoiled(loss)

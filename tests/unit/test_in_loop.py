@@ -185,7 +185,6 @@ def told_of_between(estimate: Estimate) -> list[str]:
 
 
 @pytest.mark.parametrize("seed", [5_000, 5_003])
-@pytest.mark.fast("5000")
 @pytest.mark.slow
 def test_what_hangs_on_an_input_that_is_said_to_be_held_is_said(seed):
     drawn = said_to_be_held(seed, sampled=False)

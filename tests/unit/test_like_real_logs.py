@@ -74,7 +74,6 @@ def serious(findings):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
-@pytest.mark.fast("1")
 def test_a_coarse_thermometer_in_a_wandering_room_is_not_saturated(seed):
     found = identify(chamber(seed), Structure(2, 0), throw=False).findings
     assert "saturation" not in serious(found)
@@ -82,7 +81,6 @@ def test_a_coarse_thermometer_in_a_wandering_room_is_not_saturated(seed):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
-@pytest.mark.fast("1")
 def test_a_drive_that_sticks_is_no_sensor_that_hangs(seed):
     record = drive(seed)
     found = serious(identify(record, Structure(2, 0, fixed={"a0": 0.0}), throw=False).findings)

@@ -56,7 +56,6 @@ def test_no_lines_are_seen_in_what_was_recorded():
             assert joined_by_lines(seen, u[:, None]) is None
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.fast("0")
 def test_a_log_that_was_interpolated_is_told_first_and_the_recorded_rows_mend_it(seed):
@@ -115,7 +114,6 @@ def with_times_of_its_own(u, y, ratio):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
-@pytest.mark.fast("0")
 def test_an_output_that_was_filtered_forth_and_back_is_no_output_that_comes_early(seed):
     u, y = recorded(seed, 800, 0.05, 6, 0.12)
     smooth = forth_and_back(y[:, None], 2, 0.25)[:, 0]

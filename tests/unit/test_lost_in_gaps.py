@@ -52,7 +52,6 @@ CASES = [(there, seed) for there in (False, True) for seed in range(10)]
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("there_and_back", "seed"), CASES)
-@pytest.mark.fast("False-2", "True-3")
 def test_an_input_that_moved_in_a_gap_is_named_first_and_the_cut_mends_it(there_and_back, seed):
     u, y, lost, _ = fired(seed, there_and_back)
     record = kept(u, y, lost)
@@ -66,7 +65,6 @@ def test_an_input_that_moved_in_a_gap_is_named_first_and_the_cut_mends_it(there_
     assert not any(one.code == "lost-rows" for one in after.findings)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(20, 36))
 @pytest.mark.fast("20")
 def test_gaps_in_which_nothing_moved_are_left_alone(seed):

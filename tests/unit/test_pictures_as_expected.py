@@ -117,7 +117,6 @@ print(len(pictures), len(caught.outputs), "Axes" in caught.stdout, shell.user_ns
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("backend", "inline"), [("Agg", False), ("Agg", True)])
-@pytest.mark.fast("Agg-True")
 def test_a_notebook_shows_the_picture_once_and_no_list(backend, inline):
     pytest.importorskip("IPython")
     done = subprocess.run(

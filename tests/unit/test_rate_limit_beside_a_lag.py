@@ -20,7 +20,6 @@ def servo(seed: int, rate: float, n_samples: int = 800) -> Record:
 
 
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.fast("0")
 @pytest.mark.slow
 def test_it_is_named_beside_a_pole_that_passes_for_it(seed):
     record = servo(seed, np.random.default_rng(seed).uniform(3.0, 6.0))

@@ -101,7 +101,6 @@ CASES = {
 
 
 @pytest.mark.parametrize("kind", CASES)
-@pytest.mark.fast("delay grows")
 @pytest.mark.slow
 def test_what_the_recording_did_is_named_first(kind):
     made, code, words = CASES[kind]

@@ -35,7 +35,6 @@ def fits(text):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("first", "length"), [(200, 120), (40, 300)])
-@pytest.mark.fast("200-120")
 def test_a_sensor_that_hung_is_tried_without_its_samples(first, length):
     u, y = clean(1)
     y = y + 0.03 * np.random.default_rng(2).standard_normal(N)

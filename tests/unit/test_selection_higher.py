@@ -38,7 +38,6 @@ def asked(record: Record) -> list[int]:
 
 
 @pytest.mark.parametrize("seed", [0, 2, 4])
-@pytest.mark.fast("0")
 @pytest.mark.slow
 def test_a_third_resonance_asks_for_six_poles(seed):
     assert asked(resonances(seed, 3)) == [6]

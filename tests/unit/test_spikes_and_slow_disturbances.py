@@ -44,7 +44,6 @@ def test_spikes_that_follow_a_jump_by_chance_are_bad_samples(seed):
 @pytest.mark.parametrize(
     "seed", [4, 10, *(pytest.param(k, marks=pytest.mark.slow) for k in (12, 22, 26, 27, 28))]
 )
-@pytest.mark.fast("10")
 @pytest.mark.slow
 def test_a_slow_disturbance_is_no_noise_that_changes_its_size(seed):
     rng = np.random.default_rng([32, seed])

@@ -20,7 +20,6 @@ def jittered(seed: int) -> Record:
 
 
 @pytest.mark.parametrize("seed", [0, 2])
-@pytest.mark.fast("0")
 @pytest.mark.slow
 def test_what_is_advised_can_be_done(seed: int) -> None:
     record = jittered(seed)

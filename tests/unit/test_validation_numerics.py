@@ -99,7 +99,6 @@ def test_a_noise_model_costs_the_statistic_its_degrees_of_freedom():
 
 
 @pytest.mark.parametrize("n", [100, 1500])
-@pytest.mark.fast("100")
 @pytest.mark.slow
 def test_white_noise_is_rejected_as_often_as_stated(n):
     t = np.linspace(0, 15, n)

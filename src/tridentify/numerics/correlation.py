@@ -1,11 +1,31 @@
-"""Autocorrelation of a sampled series, gaps allowed."""
+"""Autocorrelation of a sampled series, gaps allowed, and the products of two at every shift."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from scipy.fft import irfft, next_fast_len, rfft
 
 from tridentify.numerics.arrays import Array
+
+
+def products_at_shifts(one: Array, other: Array) -> Array:
+    """``sum_k one(k + s) other(k)`` at every shift ``s = 1 - n .. n - 1``.
+
+    What `scipy.signal.correlate` gives by its method "fft", whose import takes half a second.
+
+    Parameters
+    ----------
+    one, other : (n,) arrays
+
+    Examples
+    --------
+    >>> products_at_shifts(np.array([1.0, 2.0]), np.array([1.0, 3.0]))
+    array([3., 7., 2.])
+    """
+    n = 2 * one.size - 1
+    length = next_fast_len(n, real=True)
+    return np.asarray(irfft(rfft(one, length) * rfft(other[::-1], length), length)[:n])
 
 
 def autocorrelation(series: npt.ArrayLike, n_lags: int) -> tuple[Array, int]:

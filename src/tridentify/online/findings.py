@@ -28,7 +28,7 @@ def with_findings(state: State, estimate: Estimate) -> Estimate:
     estimate : Estimate
     """
     found = (
-        *estimate.findings, *_changes(state), *_excitation(state, estimate), *_samples(state),
+        *estimate.findings, *_changes(state), *_excitation(estimate), *_samples(state),
     )  # fmt: skip
     return replace(estimate, findings=ranked(found))
 
@@ -122,7 +122,7 @@ def _changes(state: State) -> tuple[Finding, ...]:
     return tuple(found)
 
 
-def _excitation(state: State, estimate: Estimate) -> tuple[Finding, ...]:
+def _excitation(estimate: Estimate) -> tuple[Finding, ...]:
     n = estimate.model.den[0][0].size - 1
     loose = [
         name

@@ -226,7 +226,7 @@ def _from_coefficients(
         values=values,
         cov=cov,
         known=known,
-        combinations=_combinations(model, said, known, z, root),
+        combinations=_combinations(model, said, z, root),
         notes=tuple(notes),
         alternatives=np.array([model.values(o) for o in closest.others]).reshape(-1, values.size),
         theta=model.theta_at(z),
@@ -262,7 +262,7 @@ def _parameters(
 
 
 def _combinations(
-    model: PhysicalModel, said: Identifiability, known: Known, z: Array, root: Array
+    model: PhysicalModel, said: Identifiability, z: Array, root: Array
 ) -> tuple[Parameter, ...]:
     """Determined products, where parameters are not, and declared combinations."""
     values, scale = model.values(z), model.slope(z) / model.values(z)

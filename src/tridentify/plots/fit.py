@@ -183,7 +183,7 @@ def plot_fit(
         for line, response in zip(lines, courses, strict=True):
             draw_response(drawn[i], record.t, response, (line.colour, line.dash, line.label), inked)
         style.dress(drawn[i], ylabel=style.labelled(name, record.units))
-    title = [style.literal(record.name), _held(found, record, experiment)]
+    title = [style.literal(record.name), _held(found, record)]
     drawn[0].set_title("\n".join(text for text in title if text), loc="left", fontsize=10)
     style.legend(drawn[0], columns=style.legend_columns(drawn[0]))
     draw_inputs(record, drawn[record.n_outputs :])
@@ -199,7 +199,7 @@ def _estimate(line: Line) -> Estimate:
     return line.estimate
 
 
-def _held(estimates: Sequence[Estimate], record: Record, experiment: int) -> str:
+def _held(estimates: Sequence[Estimate], record: Record) -> str:
     """What a reader has to know where the record is not the one that was identified."""
     for one in estimates:
         seen = fingerprint([record.settled(one.intersample)])

@@ -100,7 +100,7 @@ def plot_nyquist(
         half = _frame(ax, curves)
         for line, curve, (cov, clouds) in zip(lines, curves, around, strict=True):
             if cov is not None:
-                _draw_ellipses(ax, grid, curve, cov[:, i, j], level, half, line)
+                _draw_ellipses(ax, curve, cov[:, i, j], level, half, line)
             elif clouds is not None:
                 _draw_cloud(ax, clouds[:, :, i, j], line)
             _draw_curve(ax, grid / 10.0**exponent, curve, half, line)
@@ -160,7 +160,7 @@ def _extent(curve: Complex) -> tuple[float, float, float]:
 
 
 def _draw_ellipses(
-    ax: Axes, omega: Array, curve: Complex, cov: Array, level: float, half: float, line: Line
+    ax: Axes, curve: Complex, cov: Array, level: float, half: float, line: Line
 ) -> None:
     """A band of many ellipses, and a few of them outlined."""
     from matplotlib.collections import PolyCollection

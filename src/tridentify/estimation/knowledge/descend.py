@@ -200,7 +200,7 @@ def descend(problem: Problem, known: Knowledge, theta: Array, patience: Patience
     last = step(here, known, 0.0)
     if status is not Status.CONVERGED:
         outside = outside or not room.holds(last.theta[known.moving])
-        status, why = _verdict(problem, known, here, last, outside, status, why, damping, idle)
+        status, why = _verdict(problem, known, last, outside, status, why, damping, idle)
     multipliers = np.where(_at_bound(known, here.theta), last.multipliers, 0.0)
     gradient = gradient_share(here, known, multipliers != 0)
     return ConstrainedEnd(here, known, status, why, tuple(steps), multipliers, gradient)
@@ -217,7 +217,6 @@ def _polished(here: HeldFit, known: Knowledge, room: Room, last: DescentStep) ->
 def _verdict(
     problem: Problem,
     known: Knowledge,
-    here: HeldFit,
     last: DescentStep,
     outside: bool,
     status: Status,

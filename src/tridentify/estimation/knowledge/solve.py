@@ -167,7 +167,7 @@ def constrain(
     model = seeds.noise
     if not seeds.coefficients and noise != "white":
         # no search has tested the residual
-        best, nuisances = _tinted(records, structure, choices, best, nuisances, noise, patience)
+        best, nuisances = _tinted(records, structure, best, nuisances, noise, patience)
         model = best.fit.problem.noise
     if any(a.size for a in model):
         say("coloured noise, within the constraints")
@@ -293,7 +293,6 @@ def _with_noise(end: ConstrainedEnd) -> float:
 def _tinted(
     records: Sequence[Record],
     structure: Structure,
-    choices: Sequence[Nuisances],
     best: ConstrainedEnd,
     nuisances: Nuisances,
     noise: NoiseChoice,

@@ -23,6 +23,7 @@ from tridentify.estimation.likelihood.mixture import mixture
 from tridentify.estimation.likelihood.nuisance import first_explained
 from tridentify.estimation.search.delay_search import ROOM, STRETCHES, DelayPlace
 from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.correlation import products_at_shifts
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 
@@ -122,10 +123,7 @@ def repeats(record: Record, channel: int) -> tuple[float, int] | None:
     energy = np.cumsum(u * u)
     if most < 2 or not energy[-1] > 0:
         return None
-    # imported here: it takes half a second
-    from scipy.signal import correlate
-
-    products = correlate(u, u, method="fft")[n - 1 : n - 1 + most]
+    products = products_at_shifts(u, u)[n - 1 : n - 1 + most]
     first = energy[n - 1 - np.arange(most)]
     last = energy[-1] - np.concatenate([[0.0], energy[: most - 1]])
     correlation = products / np.sqrt(np.maximum(first * last, 1e-300))

@@ -64,13 +64,12 @@ class Told:
 
     Attributes
     ----------
-    bridged, dropped, stretches : int
-        Samples replaced by straight lines; samples left out; stretches used.
+    bridged, dropped : int
+        Samples replaced by straight lines; samples left out.
     """
 
     bridged: int = 0
     dropped: int = 0
-    stretches: int = 0
 
 
 def stretches(records: Sequence[Record], output: int) -> tuple[list[Stretch], Told]:
@@ -113,7 +112,7 @@ def stretches(records: Sequence[Record], output: int) -> tuple[list[Stretch], To
             filled = np.interp(t[rows], t[part], y[part])
             found.append(_transform(record, rows, filled, step))
         dropped += record.n_samples - kept
-    return found, Told(bridged, dropped, len(found))
+    return found, Told(bridged, dropped)
 
 
 def _transform(record: Record, rows: slice, y: Array, step: float) -> Stretch:

@@ -301,7 +301,7 @@ def repeating(y: Array, u: Array, q: float, f: Array, repeated: Runs, name: str)
     count, lost = int(own.sum()), int((repeated.length[own] - 1).sum())
     if count < FEWEST_REPEATS or count < MOST_REPEATS * repeated.length.size:
         return None
-    if _is_static(y, u, repeated, own):
+    if _is_static(u, repeated, own):
         return None
     lengths = repeated.length[own]
     first = int(repeated.first[own][0])
@@ -384,7 +384,7 @@ def _regular(repeated: Runs, y: Array, f: Array, q: float) -> NDArray[np.bool_]:
     return np.asarray(repeated.length <= 2 * factor)
 
 
-def _is_static(y: Array, u: Array, repeated: Runs, own: NDArray[np.bool_]) -> bool:
+def _is_static(u: Array, repeated: Runs, own: NDArray[np.bool_]) -> bool:
     """Whether the values that repeat are those of a held input, exactly, without dynamics."""
     places = _places(repeated, own)
     if any(np.ptp(u[k : k + n - 1], axis=0).max() > 0 for k, n in places):

@@ -56,7 +56,7 @@ def period_of(y: Array) -> float:
     beside = np.clip(np.array([at - 1, at + 1]), 0, steps.size - 1)
     near = np.where(far[beside], 0.0, steps[beside]).mean(axis=0)
     period = float(np.median(np.abs(steps[at] - near)))
-    known = (one for one in (*TURNS, *_counters(seen, size)) if abs(period / one - 1.0) < NEAR)
+    known = (one for one in (*TURNS, *_counters(seen)) if abs(period / one - 1.0) < NEAR)
     range_ = next((one for one in known if one >= size), 0.0)
     undone = undo(seen, range_ or period)
     if np.abs(np.diff(undone)).max() > USUAL * size:
@@ -74,7 +74,7 @@ def undo(y: Array, period: float) -> Array:
     return found
 
 
-def _counters(seen: Array, size: float) -> list[float]:
+def _counters(seen: Array) -> list[float]:
     """Ranges of a counter of some bits, of a converter's step."""
     step = quantum(seen, 0.0)
     return [step * 2.0**bits for bits in (8, 10, 12, 14, 16)] if step > 0.0 else []

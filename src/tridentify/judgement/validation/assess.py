@@ -152,7 +152,7 @@ def validate(
             return _with_what_was_said(known, estimate, estimate.findings, wild)
         own = fingerprint(records) == estimate.record_fingerprint
         view = look(estimate, explained_or_refused(estimate, records), experiment, own=own)
-        found = _judge(estimate, view, level, n_lags or _lags(estimate, view))
+        found = _judge(estimate, view, level, n_lags or _lags(view))
         return _with_what_was_said(found, estimate, estimate.findings if own else (), wild)
 
 
@@ -249,7 +249,7 @@ def looked_at(
         hidden = may_carry_noise(view.records)
         if not (called or hidden or starts_wild(view) or torn_at(view) or may_react(view)):
             return ()
-        found = _judge(estimate, view, LEVEL, _lags(estimate, view))
+        found = _judge(estimate, view, LEVEL, _lags(view))
     except (TridentifyError, np.linalg.LinAlgError):
         return ()
     if cut:
@@ -295,7 +295,7 @@ def may_react_at_all(estimate: Estimate, records: Sequence[Record]) -> bool:
     return view is not None and may_react(view)
 
 
-def _lags(estimate: Estimate, view: View) -> int:
+def _lags(view: View) -> int:
     """Three of the slowest time constants, within reason."""
     decay = np.min(np.abs(view.point.poles.real))
     fewest = min(record.n_samples for record in view.records) // 4

@@ -90,7 +90,7 @@ def parallel_board(found: Taken) -> Board:
     names = [f"β{index(k + 1)}" for k in own]
     begin = top + 48.0
     rows, first, last = operator_rows(
-        board, found, 164.0, begin, labels, weights[own].tolist(), names, (206.0, 124.0)
+        board, 164.0, begin, labels, weights[own].tolist(), names, (206.0, 124.0)
     )
     board.line((140.0, top), (140.0, rows[-1]))
     for y in rows:
@@ -319,7 +319,7 @@ def series_board(found: Taken) -> Board:
     ]
     names = [f"β{index(max(k - heads + 1, 0))}" for k in range(weights.size)]
     rows, first, last = operator_rows(
-        board, found, 284.0, begin, labels, weights.tolist(), names, (172.0, 118.0)
+        board, 284.0, begin, labels, weights.tolist(), names, (172.0, 118.0)
     )
     at = min(max(rows[0], model.y + 14.0), model.bottom - 14.0)
     board.line((22.0, top), (22.0, at))

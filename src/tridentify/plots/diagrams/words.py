@@ -192,7 +192,6 @@ def operators_note(found: Taken) -> str:
 
 def operator_rows(
     board: Board,
-    found: Taken,
     x: float,
     y: float,
     labels: Sequence[list[str]],

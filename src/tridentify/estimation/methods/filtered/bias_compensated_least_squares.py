@@ -94,6 +94,7 @@ from tridentify.estimation.methods.filtered.svf_least_squares import (
 )
 from tridentify.models.regression import Experiment
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.correlation import products_at_shifts
 from tridentify.numerics.least_squares import triangle
 from tridentify.numerics.realization import cascade, roots_of, sort_poles
 from tridentify.record.record import Record
@@ -365,8 +366,6 @@ def _squares(
     found: Compensated, columns: FilterColumns, experiments: Sequence[Experiment], variance: Array
 ) -> Array:
     """(k, n) factor of ``2 sigma^4 tr(S_i S_j)``, summed over experiments and outputs."""
-    from scipy.signal import correlate  # slow to import, seldom needed
-
     n = found.alpha.size - 1
     grams = [columns.gram(e.n_samples, e.dt) for e in experiments]
     whole = sum(grams) @ found.alpha
@@ -377,10 +376,10 @@ def _squares(
         later = columns.answers(e.n_samples, e.dt)[0]
         error = later @ found.alpha
         lags = np.arange(1.0 - later.shape[0], later.shape[0])
-        own = correlate(error, error, method="fft")
+        own = products_at_shifts(error, error)
         s = np.empty((lags.size, n))
         for i in range(n):
-            cross = correlate(later[:, i], error, method="fft")
+            cross = products_at_shifts(later[:, i], error)
             s[:, i] = 0.5 * (cross + cross[::-1]) - kappa[i] * own
         occurs = np.maximum(e.n_samples - np.abs(lags), 0.0)
         parts.append(triangle(size * np.sqrt(occurs)[:, None] * s))

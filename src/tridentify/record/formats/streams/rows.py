@@ -380,13 +380,13 @@ class RowReader:
             return None
         if len(cells) < width or any(cell.strip() for cell in cells[width:]):
             raise BadLineError(f"found {len(cells)} cells; expected {width}")
-        return self._checked([self._cell(cells[place]) for place in columns.places], cells)
+        return self._checked([self._cell(cells[place]) for place in columns.places])
 
     def _cell(self, cell: str) -> float | str:
         number = read_number(cell, self.asked.decimal)
         return cell.strip() if number is None else number
 
-    def _checked(self, found: Sequence[float | str], shown_as: object = None) -> list[float]:
+    def _checked(self, found: Sequence[float | str]) -> list[float]:
         columns = self._columns
         assert columns is not None
         row = []
