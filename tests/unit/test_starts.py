@@ -14,7 +14,10 @@ from tridentify.estimation.search.starts import (
     laguerre_starts,
     spread_starts,
 )
+from tridentify.models.parallel import fit_parallel
 from tridentify.models.regression import Experiment
+from tridentify.models.series_parallel import fit_series_parallel
+from tridentify.numerics.realization import cascade
 from tridentify.numerics.slices import drain
 
 DT = 0.05
@@ -96,6 +99,27 @@ def test_both_reductions_are_exact_when_the_operators_hold_the_system(terms):
     start = drain(enriched_starts(base, plain(base), POLES[[0, 1, 2]]))[0]
     assert polynomial(start.reduced_poles()) == pytest.approx(DENOMINATOR, rel=1e-5)
     assert polynomial(start.filtered_poles()) == pytest.approx(DENOMINATOR, rel=1e-5)
+
+
+@pytest.mark.parametrize("terms", [(False, False, False), (True, True, False)])
+def test_machine_code_reduces_as_the_two_steps_are_derived(terms):
+    """Through filters of as many poles as the denominator has, and of one more."""
+    base = problem(noise=0.3, terms=terms)
+    near = min(laguerre_starts(base, [plain(base)]), key=lambda one: abs(one.rate - 2.0))
+    for start in (near, drain(enriched_starts(base, plain(base), POLES[[0, 1, 2]]))[0]):
+        whole = start.banks.regressions(start.place)
+        regressions = start.variant.regressions(whole, start.bank)
+        rows = np.eye(start.order, start.bank.order)
+        fit = fit_parallel(regressions, rows, np.zeros(start.order), free_rows=rows)
+        samples = sum(e.n_samples for e in base.experiments)
+        weights = 1.0 / np.sqrt(fit.cost / samples)
+        (filter_,) = start.filters
+        step = fit_series_parallel(
+            regressions, start.bank, fit.response, cascade(filter_), 3, base.n_zeros, weights
+        )
+        np.testing.assert_allclose(start.reduction.costs, fit.cost, rtol=1e-9)
+        expected = base.admissible(step.poles)[0]
+        np.testing.assert_allclose(start.filtered_poles(), expected, rtol=1e-6)
 
 
 def test_laguerre_functions_of_the_systems_only_pole_hold_it():
