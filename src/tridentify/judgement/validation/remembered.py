@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from operator import attrgetter
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -173,9 +173,9 @@ def _on_its_clock(estimate: Estimate, given: Sequence[Record]) -> list[Record]:
     return counted if own else records
 
 
-def _listed(record: Record | Sequence[Record]) -> list[Record]:
+def _listed(record: object) -> list[Record]:
     alone = isinstance(record, Record) or not isinstance(record, Iterable)
-    found = [record] if alone else list(record)
+    found: list[Any] = [record] if alone else list(cast("Iterable[Any]", record))
     if not found or not all(isinstance(one, Record) for one in found):
         what = type(found[0]).__name__ if found else "nothing"
         raise SampleTypeError(
