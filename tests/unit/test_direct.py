@@ -26,7 +26,7 @@ PLANT, COLOUR, DT = loops.System.of([1.0], [1.0, 1.0]), 0.9, 0.2
 TRUTH = np.array([1.0, 1.0])
 
 
-def in_loop(seed: int, n: int = 1500) -> Record:
+def in_loop(seed: int, n: int = 1000) -> Record:
     """A first-order plant under a proportional controller, in strong autoregressive noise."""
     rng = np.random.default_rng(seed)
     controller = loops.Controller(loops.System.of([2.0], [1.0]))
