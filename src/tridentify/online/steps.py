@@ -102,14 +102,14 @@ def solving(
     start = "free" if full.free else setting.structure.initial_state
     every = Nuisances(start, full.offset, full.drift)
     best = yield from _solved(base, every, None, poles, passes)
-    if not choose:
-        return best
     ends = [best]
     bank = base.admissible(blueprint.poles[: setting.n_poles])[0]
     if distance_of(best.point.poles, bank) > ELSEWHERE:
         # a search found the bank's; with all terms a short record may end at a pole that is none
         ends.append((yield from _solved(base, every, None, bank, 0)))
         best = min(ends, key=lambda one: one.criterion)
+    if not choose:
+        return best
     begun_anew = x[slots.BORN] > 0.0
     at = int(blueprint.ints[slots.AT_FIRST_INPUT])
     promised = []
