@@ -188,7 +188,7 @@ def _lasts(now: Array, before: Array, basis: Array) -> bool:
     for own, other in (halves, halves[::-1]):
         slopes = np.linalg.lstsq(columns[own], left[own], rcond=None)[0]
         missed = left[other] - columns[other] @ slopes
-        gained += 1.0 - (missed @ missed) / max(left[other] @ left[other], 1e-300)
+        gained += 1.0 - float(missed @ missed) / max(float(left[other] @ left[other]), 1e-300)
     return bool(gained > 0.0)
 
 
