@@ -188,9 +188,8 @@ def _lasts(now: Array, before: Array, basis: Array) -> bool:
     for own, other in (halves, halves[::-1]):
         slopes = np.linalg.lstsq(columns[own], left[own], rcond=None)[0]
         missed = left[other] - columns[other] @ slopes
-        whole = float(left[other] @ left[other])
-        gained += 1.0 - float(missed @ missed) / max(whole, 1e-300)
-    return gained > 0.0
+        gained += 1.0 - float(missed @ missed) / max(float(left[other] @ left[other]), 1e-300)
+    return bool(gained > 0.0)
 
 
 def _columns(inputs: Inputs, output: int, input_: int) -> tuple[Array, ...]:
