@@ -18,6 +18,7 @@ from tridentify.judgement.comparison import compare
 from tridentify.judgement.validation import validate
 from tridentify.options import known_parameters, method_of
 from tridentify.physical import MODELS, estimate_physical
+from tridentify.physical.result import AS_WELL
 from tridentify.record.record import Record
 from tridentify.report.first_screen import (
     NUMBERS,
@@ -29,8 +30,6 @@ from tridentify.report.first_screen import (
 from tridentify.uncertainty import derived
 
 LEVEL = 0.95
-AS_WELL = "these explain the record as well"
-"""How a note of another set of physical parameters begins."""
 LATE = 0.5
 """Standard error over the value, from which a number is no result."""
 

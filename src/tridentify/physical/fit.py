@@ -42,7 +42,7 @@ from tridentify.physical.identifiability import (
 from tridentify.physical.likelihood import PhysicalMaximum, directions, maximum
 from tridentify.physical.model import PhysicalModel
 from tridentify.physical.profile import Profile
-from tridentify.physical.result import PhysicalEstimate
+from tridentify.physical.result import AS_WELL, PhysicalEstimate
 from tridentify.record.record import Record
 
 Fit = Literal["likelihood", "distance"]
@@ -295,7 +295,7 @@ def _other_notes(
     found = []
     for other in closest.others:
         listed = ", ".join(f"{n}={v:.5g}" for n, v in model.at(other).items())
-        found.append(f"these explain the record as well: {listed}")
+        found.append(f"{AS_WELL}: {listed}")
     std = np.sqrt(np.maximum(np.diag(cov), 0.0))
     weak = [n for n, v, s in zip(model.names, values, std, strict=True) if s > WEAK * abs(v) > 0]
     if weak:

@@ -28,6 +28,8 @@ from tridentify.transfer_function import TransferFunction
 from tridentify.writing.layout import format_std, format_table, format_value, html_table, p_in_words
 
 SCHEMA = 1
+AS_WELL = "these explain the record as well"
+"""Beginning of a note of other values, one for each row of `PhysicalEstimate.alternatives`."""
 _WIDTH = 78
 _TITLES = ("parameter", "value", "std error", "95 % from", "to", "unit")
 

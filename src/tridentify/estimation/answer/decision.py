@@ -24,6 +24,7 @@ class DecisionKind(enum.Enum):
     NOISE_WHITE = "noise white"
     NOISE_TAKEN_AS_WHITE = "noise taken as white"
     NOISE_COLOURED = "noise coloured"
+    NOISE_MODEL = "noise model"
     INITIAL_STATE = "initial state"
     BETWEEN_DECIDES = "what the input does between its samples decides"
     RESTS_ON_HELD = "the input counts as held between its samples, as the record says"

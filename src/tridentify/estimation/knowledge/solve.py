@@ -74,6 +74,7 @@ OF_FREE_SEARCH = (
     DecisionKind.INITIAL_STATE,
     DecisionKind.NOISE_WHITE,
     DecisionKind.NOISE_TAKEN_AS_WHITE,
+    DecisionKind.NOISE_MODEL,
     DecisionKind.SLOW_AS_NOISE,
 )
 
@@ -276,7 +277,8 @@ def _coloured(
         if np.all(moved <= STILL * standard_errors(best)):
             break
     orders_found = ", ".join(str(a.size) for a in best.fit.problem.noise)
-    return best, nuisances, (*told, f"noise model within the constraints: order {orders_found}")
+    order = DecisionKind.NOISE_MODEL.told(f" within the constraints: order {orders_found}")
+    return best, nuisances, (*told, order)
 
 
 def _with_noise(end: ConstrainedEnd) -> float:

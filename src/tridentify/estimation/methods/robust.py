@@ -27,6 +27,7 @@ import numpy as np
 
 from tridentify.errors import OptionError, TridentifyError
 from tridentify.estimation.answer.assemble import fingerprint
+from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.answer.estimate import Estimate, Trace
 from tridentify.estimation.methods.base import Method
 from tridentify.estimation.search.gross_outliers import gross_outliers
@@ -301,4 +302,4 @@ def _in_words(estimate: Estimate, loss: Loss, settled: Settled) -> list[str]:
         parts.append(f"{name}: {what}" if several else what)
     end = "" if settled.still else f"; not at rest after {settled.rounds} rounds"
     told = f"{kind} ({'; '.join(parts)}); noise std and fit are those of the others{end}"
-    return [told, "noise taken as white, as with every robust loss"]
+    return [told, DecisionKind.NOISE_TAKEN_AS_WHITE.told(", as with every robust loss")]

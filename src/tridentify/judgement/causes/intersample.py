@@ -45,8 +45,6 @@ LONGEST = 20_000
 """Samples of each record that are compared: more would not change a clear answer. A sine that
 sweeps upwards, a record of ten thousand samples, shows it in its second half alone."""
 
-"""How the trace of an estimate says what was found where the behaviour was left open."""
-
 HOPELESS = 10.0
 """-2 log L above the present one, as a first step promises, from which a behaviour is not followed
 up where the noise has a model: fitted with the present behaviour, it speaks for it."""
