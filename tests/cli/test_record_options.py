@@ -275,8 +275,8 @@ def test_a_column_where_a_file_is_expected_is_told_how_to_be_named(run, tmp_path
     found = run("identify", path, "b", "--input", "a", "--output", "y", "--poles", 1, "--zeros", 0)
     assert found.code == 2
     assert found.error_lines[-1].endswith(
-        "found no file 'b' beside 'log.csv'; expected files; if it is a column, give each an "
-        "option of its own: --input a --input b"
+        "found no file 'b' beside 'log.csv'; expected files; if it is a column, write the option "
+        "again before it: --input a --input b, --reference r --reference s"
     )
     found = run("identify", path, "--input", "a,b", "--output", "y", "--poles", 1, "--zeros", 0)
     assert found.code == 2

@@ -165,3 +165,24 @@ def test_records_of_a_loop_are_not_added_up_as_if_it_were_open(tmp_path: Path) -
         run.together()
     with pytest.raises(UnsupportedError, match=r"found references \(set\)"):
         fleet.fit(plain, (2, 0), out=tmp_path / "b", references=["set"], pool=True, **quiet)
+
+
+@pytest.mark.slow
+@pytest.mark.judged
+def test_units_without_a_response_are_told_with_what_comes_without_them(tmp_path: Path) -> None:
+    """They count, as asked for, and their noise counts as that of all."""
+    records = fleets.units(30, seed=5, n=200)
+    rng = np.random.default_rng(6)
+    for key in ("u0003", "u0011"):
+        records[key] = records[key].with_outputs(rng.standard_normal((200, 1)))
+    structure = STRUCTURES["at rest"]
+    run = fleet.fit(records, structure, out=tmp_path / "out", workers=None, progress=False)
+    found = run.together()
+    assert found.without is not None
+    assert set(found.without.units) == {"u0003", "u0011"}
+    others = [record for key, record in records.items() if key not in found.without.units]
+    joint = by_one_machine(others, structure)
+    np.testing.assert_allclose(found.without.theta, joint.theta, atol=1e-6 * joint.std.max())
+    assert np.all(found.std > 1.5 * found.without.std)
+    assert "without 2 units that show no response" in found.summary()
+    assert found.to_dict()["without"]["units"]["u0011"] == "no-response"

@@ -136,7 +136,9 @@ def test_the_bounds_of_the_cross_correlation_allow_for_input_and_fit(right, esti
 def test_an_estimate_that_was_stored_is_judged_alike(estimate, record, right, tmp_path):
     again = validate(Estimate.load(estimate.save(tmp_path / "m.json")), record)
     assert again.own
-    assert [t.p_value for t in again.tests] == [t.p_value for t in right.tests]
+    # a stored model is fitted anew where the other is where its search ended: to rounding
+    values = [t.p_value for t in right.tests]
+    assert [t.p_value for t in again.tests] == pytest.approx(values, rel=1e-12)
 
 
 def test_what_is_given_back_can_be_read_and_kept(low):

@@ -23,7 +23,7 @@ from tridentify.fleet.passes import Sums, pieces_of, summed
 from tridentify.fleet.pool import Pool, pooled
 from tridentify.fleet.sources import items_of
 from tridentify.fleet.store import Store
-from tridentify.fleet.together import Together, chosen_nuisance, joint
+from tridentify.fleet.together import Pass, Together, Without, chosen_nuisance, joint
 from tridentify.fleet.workers.engines import Engine, engine
 from tridentify.fleet.working import Question, checked_limits, telling, work_off
 from tridentify.numerics.arrays import Array
@@ -43,6 +43,9 @@ MOST_ASKED = 200
 
 UNREAD = tuple(status for status in FAILURES if status != NO_ANSWER)
 """Failures of units that have no part in what a fleet says together."""
+
+UNANSWERED = ("no-response", "constant-input")
+"""Cautions of units whose outputs say nothing of the system, only of the noise."""
 
 QUARTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 """What a summary tells of the distribution of a coefficient."""
@@ -243,6 +246,9 @@ class Run(FleetViews):
         The joint estimate of maximum likelihood with white noise, ``identify(records, structure,
         ThreeModel(noise="white", finish="likelihood"))``; records of which it is not stated what
         the input does between samples are taken each for what it looks like.
+
+        Where units show no response to their input the estimate is made without them, too, and
+        what comes of it stands beside (`Together.without`): their noise counts as that of all.
         """
         structure = summable(self.question.job.structure)
         names, values = coefficients(self._good())
@@ -254,12 +260,19 @@ class Run(FleetViews):
         skipped = self._unread()
         with engine(self.question.workers) as workers:
 
-            def look(theta: Array, choices: tuple[Nuisances, ...]) -> Sums:
-                job = Local(structure, tuple(theta.tolist()), choices, self.question.job.wanted)
-                items = (one for one in self._items() if one.key not in skipped)
-                return summed(workers, items, job, self.question.limits)
+            def looking(gone: Mapping[str, str]) -> Pass:
+                def look(theta: Array, choices: tuple[Nuisances, ...]) -> Sums:
+                    job = Local(structure, tuple(theta.tolist()), choices, self._wanted)
+                    items = (one for one in self._items() if one.key not in gone)
+                    return summed(workers, items, job, self.question.limits)
 
-            found = joint(look, np.median(values, axis=0))
+                return look
+
+            found = joint(looking(skipped), np.median(values, axis=0))
+            mute = {key: why for key, why in self._mute().items() if key not in skipped}
+            if mute and len(mute) < found.n_units:
+                other = joint(looking({**skipped, **mute}), np.median(values, axis=0))
+                found = replace(found, without=Without(mute, other.theta, other.std))
         found = replace(found, left_out={**skipped, **found.left_out})
         write_atomically(self.folder / "together.json", json.dumps(found.to_dict(), indent=1))
         return found
@@ -323,6 +336,12 @@ class Run(FleetViews):
     def _good(self) -> Any:
         rows = self.rows(["key", "ok", "names", "coefficients", "standard_errors"])
         return rows.filter(rows["ok"])
+
+    def _mute(self) -> dict[str, str]:
+        """Key -> caution of units that show no response."""
+        rows = self.rows(["key", "cautions"])
+        told = ((key, [c for c in codes if c in UNANSWERED]) for key, codes in rows.iter_rows())
+        return {key: codes[0] for key, codes in told if codes}
 
     def _unread(self) -> dict[str, str]:
         """Key -> reason of units whose records cannot be used at all."""

@@ -12,7 +12,7 @@ Which nuisance terms there are is decided as there, by AICc, for all units alike
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,6 +43,23 @@ Pass = Callable[[Array, tuple[Nuisances, ...]], Sums]
 
 
 @dataclass(frozen=True, eq=False)
+class Without:
+    """The same without units that show no response to their input.
+
+    Attributes
+    ----------
+    units : mapping of str to str
+        Key -> what was said of a unit.
+    theta, std : ndarray, shape (n,)
+        Coefficients and their standard errors.
+    """
+
+    units: Mapping[str, str]
+    theta: Array
+    std: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Together:
     """One model for all units.
 
@@ -64,6 +81,8 @@ class Together:
         Over the fleet.
     left_out : mapping of str to str
         Key -> why a unit is not in it.
+    without : Without, optional
+        What comes without units that show no response, where there are some.
     """
 
     names: tuple[str, ...]
@@ -76,6 +95,7 @@ class Together:
     n_samples: int
     passes: int
     left_out: Mapping[str, str]
+    without: Without | None = None
 
     @property
     def std(self) -> Array:
@@ -84,10 +104,7 @@ class Together:
 
     def table(self) -> list[tuple[str, ...]]:
         """Coefficient, value and standard error, for people."""
-        return [
-            (name, format_value(v, s), f"{s:.2g}")
-            for name, v, s in zip(self.names, self.theta.tolist(), self.std.tolist(), strict=True)
-        ]
+        return _rows(self.names, self.theta, self.std)
 
     def summary(self) -> str:
         """Text for people."""
@@ -97,9 +114,14 @@ class Together:
             f"{self.passes} passes",
             f"{self.nuisance}; fit {', '.join(f'{f:.1f} %' for f in self.fit)}",
         ]
-        return "\n".join(
-            [*head, "", *format_table(("coefficient", "value", "std error"), self.table())]
-        )
+        titles = ("coefficient", "value", "std error")
+        told = [*head, "", *format_table(titles, self.table())]
+        if self.without is not None:
+            count = len(self.without.units)
+            which = "a unit that shows" if count == 1 else f"{count} units that show"
+            rows = _rows(self.names, self.without.theta, self.without.std)
+            told += ["", f"without {which} no response:", *format_table(titles, rows)]
+        return "\n".join(told)
 
     def to_dict(self) -> dict[str, Any]:
         """Ready for JSON."""
@@ -114,7 +136,20 @@ class Together:
             "samples": self.n_samples,
             "passes": self.passes,
             "left_out": dict(self.left_out),
+            "without": None
+            if self.without is None
+            else {
+                "units": dict(self.without.units),
+                "theta": self.without.theta.tolist(),
+                "std": self.without.std.tolist(),
+            },
         }
+
+
+def _rows(names: Sequence[str], theta: Array, std: Array) -> list[tuple[str, ...]]:
+    """Coefficient, value and standard error, for people."""
+    pairs = zip(names, theta.tolist(), std.tolist(), strict=True)
+    return [(name, format_value(v, s), f"{s:.2g}") for name, v, s in pairs]
 
 
 def joint(look: Pass, start: Array) -> Together:

@@ -49,7 +49,7 @@ def plants_of_forecast(loops: Sequence[Loop], n: int, zeros: Sequence[int]) -> l
     """
     samples = sum(loop.record.n_samples for loop in loops)
     past = min(LONGEST, samples // (PER_COLUMN * (len(zeros) + 1)))
-    if past <= 2 * n:
+    if past < 2 * n + 2:  # the realisation needs as many pulses again, and two
         return []
     pulses = _pulses(loops, past, [m == n for m in zeros])
     slow = np.full(n, -slowest(loops), dtype=np.complex128)
