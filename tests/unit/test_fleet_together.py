@@ -9,7 +9,7 @@ import pytest
 
 import fleets
 from tridentify import Record, Structure, ThreeModel, TransferFunction, fleet, identify, simulate
-from tridentify.errors import IdentifiabilityError, UnsupportedError
+from tridentify.errors import DataError, IdentifiabilityError, OptionError, UnsupportedError
 from tridentify.fleet.local import local_pieces
 
 pytestmark = pytest.mark.unjudged
@@ -186,3 +186,14 @@ def test_units_without_a_response_are_told_with_what_comes_without_them(tmp_path
     assert np.all(found.std > 1.5 * found.without.std)
     assert "without 2 units that show no response" in found.summary()
     assert found.to_dict()["without"]["units"]["u0011"] == "no-response"
+
+
+def test_what_is_refused_leaves_no_folder(tmp_path: Path) -> None:
+    """Nor does a pattern that no file fits."""
+    out = tmp_path / "out"
+    for workers in (0, True, "nowhere", 1.5):
+        with pytest.raises(OptionError):
+            fleet.fit(fleets.units(1), (2, 0), out=out, workers=workers)
+    with pytest.raises(DataError):
+        fleet.fit(str(tmp_path / "*.csv"), (2, 0), out=out)
+    assert not out.exists()

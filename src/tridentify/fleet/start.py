@@ -16,6 +16,7 @@ from tridentify.fleet.rows import Fit
 from tridentify.fleet.run import Run
 from tridentify.fleet.sources import items_of
 from tridentify.fleet.store import Store
+from tridentify.fleet.workers.engines import checked_workers
 from tridentify.identify import checked_structure
 from tridentify.judgement.choice import checked_method
 from tridentify.record.checks.samples import Intersample
@@ -141,6 +142,8 @@ def fit(
         reference_intersample,
     )  # fmt: skip
     job = Fit(checked_structure(structure), checked_method(method), judge, wanted)
+    checked_workers(workers)
+    items, total = items_of(source, key)  # refused before a folder is made
     question = working.Question(source, key, job, workers, limits)
     store = Store(Path(out))
     if together or pool:
@@ -151,7 +154,6 @@ def fit(
         notes = store.begin(job.in_words(), resume=resume)
         for note in notes:
             working.LOG.warning(note)
-        items, total = items_of(source, key)
         done = store.keys()
         waiting = (item for item in items if item.key not in done)
         working.work_off(waiting, question, store, say, total, len(done))

@@ -56,23 +56,36 @@ def engine(workers: Any = None) -> Iterator[Engine]:
     TridentifyError
         No scheduler answers, or it has no workers.
     """
-    if workers is None or (isinstance(workers, int) and not isinstance(workers, bool)):
-        with _of_this_machine(1 if workers is None else workers) as found:
-            yield found
-    elif isinstance(workers, str) or hasattr(workers, "get_executor"):
-        with _of_dask(workers) as found:
-            yield found
-    else:
+    checked = checked_workers(workers)
+    with _of_this_machine(checked) if isinstance(checked, int) else _of_dask(checked) as found:
+        yield found
+
+
+def checked_workers(workers: Any) -> Any:
+    """A number of processes, an address or a client, before anything is started or written.
+
+    Raises
+    ------
+    OptionError
+        As `engine`.
+    """
+    if workers is None:
+        return 1
+    if isinstance(workers, int) and not isinstance(workers, bool):
+        if workers < 1:
+            raise OptionError(f"found workers={workers}; expected at least 1; correct it")
+    elif isinstance(workers, str):
+        _check_address(workers)
+    elif not hasattr(workers, "get_executor"):
         raise OptionError(
             f"found workers={shown(workers)}; expected a number of processes, or the address of a "
             "Dask scheduler such as tcp://host:8786; correct it"
         )
+    return workers
 
 
 @contextlib.contextmanager
 def _of_this_machine(count: int) -> Iterator[Engine]:
-    if count < 1:
-        raise OptionError(f"found workers={count}; expected at least 1; correct it")
     pool = ThreadPoolExecutor(count, thread_name_prefix="tridentify-worker")
     try:
         yield Engine(pool, count)
@@ -118,7 +131,6 @@ def _of_dask(workers: Any) -> Iterator[Engine]:
     with contextlib.ExitStack() as stack:
         client = workers
         if isinstance(workers, str):
-            _check_address(workers)
             stack.enter_context(_hushed("distributed.client"))
             try:
                 client = Client(workers, timeout=CONNECT, set_as_default=False)
