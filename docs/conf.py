@@ -45,8 +45,9 @@ nitpick_ignore_regex = [
     # names of types (Array, Truth) and what stands behind the seams
     ("py:class", r"(\w+|tridentify\.online\.(estimator|layout|search|state)\.\w+)"),
     ("py:class", r".+\.(Executor|Reached|Located|Ending|Patience|LoopTaken|PartedFile|Wanted)"),
+    ("py:class", r"tridentify\.estimation\.answer\.decision\.(DecisionKind|KnownDecision)"),
     ("py:class", r"tridentify\.record\.formats\.summary\.ChannelSummary"),
-    ("py:class", r"tridentify\.fleet\.(store\.Store|working\.Question)"),
+    ("py:class", r"tridentify\.fleet\.(store\.Store|together\.Without|working\.Question)"),
     ("py:obj", r".+"),
 ]
 default_role = "py:obj"
