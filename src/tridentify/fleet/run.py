@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 import os
@@ -14,7 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from tridentify.errors import DataError, IdentifiabilityError, OptionError, shown
+from tridentify.errors import (
+    ConvergenceError,
+    DataError,
+    IdentifiabilityError,
+    OptionError,
+    shown,
+)
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.likelihood.nuisance import Nuisances
 from tridentify.fleet.job import FAILURES, NO_ANSWER, Item
@@ -271,8 +278,9 @@ class Run(FleetViews):
             found = joint(looking(skipped), np.median(values, axis=0))
             mute = {key: why for key, why in self._mute().items() if key not in skipped}
             if mute and len(mute) < found.n_units:
-                other = joint(looking({**skipped, **mute}), np.median(values, axis=0))
-                found = replace(found, without=Without(mute, other.theta, other.std))
+                with contextlib.suppress(IdentifiabilityError, ConvergenceError):  # others are few
+                    other = joint(looking({**skipped, **mute}), np.median(values, axis=0))
+                    found = replace(found, without=Without(mute, other.theta, other.std))
         found = replace(found, left_out={**skipped, **found.left_out})
         write_atomically(self.folder / "together.json", json.dumps(found.to_dict(), indent=1))
         return found

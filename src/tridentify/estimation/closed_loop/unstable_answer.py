@@ -101,7 +101,9 @@ def unstable_estimate(
     if sought is None:
         return None
     orders = sought.poles, sought.zeros
-    loops = [Loop(part, kind, late=sought.late, drift=sought.drift) for part in parts]
+    loops: Sequence[Loop] = [
+        Loop(part, kind, late=sought.late, drift=sought.drift) for part in parts
+    ]
     edge = slowest(loops)
     plants = starting_plants(loops, *orders)
     # fast operators follow the samples and swing between them, where Step 2 looks; slow ones miss
@@ -118,26 +120,12 @@ def unstable_estimate(
         best = _within(sought, loops, best, plants, say)
         if best is None or _only_integrates(sought, best.plant, edge):
             return None
-    for _ in range(MORE_ROUNDS if kind == "continuous" else 0):
-        if best is None or not best.still:
-            break
-        renewed = [
-            replace(loop, driven=beside_noise(part, left[:, None]))
-            for loop, part, left in zip(loops, parts, best.errors, strict=True)
-        ]
-        following = root(renewed, [best.plant], None, say)
-        if following is None or not following.still:  # it leads astray: what was there is a root
-            break
-        loops, best = renewed, following
-    if best is not None and best.still and choose is not None:
+    if kind == "continuous":
+        loops, best = _beside_what_is_left(loops, parts, best, say)
+    if choose is not None and best is not None and best.still:
         best = root(loops, [best.plant], choose, say)
-    if best is not None and choose is not None and kind == "sampled" and _follows(loops, best):
-        plants = plants_of_forecast(loops, *orders)
-        if asked.structure.constrained:
-            known = sought.known(best.plant.scale)
-            plants = [sought.within(one, None, known) for one in plants]
-        other = root_in_noise(loops, plants, choose)
-        best = best if other is None or other.deviance >= best.deviance else other
+    if choose is not None and best is not None and kind == "sampled" and _follows(loops, best):
+        best = _forecast(sought, loops, best, choose)
     if best is not None and best.still and asked.structure.bounds:
         best = _within_bounds(sought, loops, best, choose, say)
     if best is None or not best.still or not best.plant.poles.real.max() > -edge:
@@ -163,6 +151,39 @@ def unstable_estimate(
         _follows(loops, best),
         _is_unseen(best, edge),
     )
+
+
+def _beside_what_is_left(
+    loops: Sequence[Loop], parts: Sequence[Driven], best: Found | None, say: Callable[[str], None]
+) -> tuple[Sequence[Loop], Found | None]:
+    """The root with the driven input fitted beside the noise that the root before has left."""
+    for _ in range(MORE_ROUNDS):
+        if best is None or not best.still:
+            break
+        renewed = [
+            replace(loop, driven=beside_noise(part, left[:, None]))
+            for loop, part, left in zip(loops, parts, best.errors, strict=True)
+        ]
+        following = root(renewed, [best.plant], None, say)
+        if following is None or not following.still:  # it leads astray: what was there is a root
+            break
+        loops, best = renewed, following
+    return loops, best
+
+
+def _forecast(
+    sought: Sought,
+    loops: Sequence[Loop],
+    best: Found,
+    choose: Callable[[Sequence[Array]], Array],
+) -> Found:
+    """The likelier of a root and of those from plants of a long past, each in its own noise."""
+    plants = plants_of_forecast(loops, sought.poles, sought.zeros)
+    if sought.structure.constrained:
+        known = sought.known(best.plant.scale)
+        plants = [sought.within(one, None, known) for one in plants]
+    other = root_in_noise(loops, plants, choose)
+    return best if other is None or other.deviance >= best.deviance else other
 
 
 def _within(
@@ -253,7 +274,8 @@ def _spread_between(
     for parts in zip(*(described_otherwise(one) for one in fitted), strict=True):
         others = [replace(one, driven=part) for one, part in zip(loops, parts, strict=True)]
         found = root(others, [best.plant], choose, say)
-        if found is not None and found.still:
+        # the errors of a predictor that runs off have no scale
+        if found is not None and found.still and found.variance > 0.0:
             away = found.plant.theta - best.plant.theta
             spread += np.outer(away, away)
     return spread
