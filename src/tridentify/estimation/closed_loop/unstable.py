@@ -13,6 +13,7 @@ coloured all of them are whitened. ``sigma^2 (Z' T)^{-1} Z' Z (Z' T)^{-T}`` is t
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -143,13 +144,17 @@ def root(
     """
     noise = np.zeros(0)
     basis = driven_basis(loops, noise)
-    begun = [(one, linear_errors(loops, one, noise, fed_back=fed_back)) for one in plants]
+    begun = []
+    for one in plants:
+        # two poles that look alike at the samples have no predictor
+        with contextlib.suppress(np.linalg.LinAlgError):
+            begun.append((one, linear_errors(loops, one, noise, fed_back=fed_back)))
     sound = [(merit(linear, basis), k) for k, (_, linear) in enumerate(begun) if linear.is_finite]
     found = None
     lowest = (True, np.inf)
     for _, k in sorted(sound):
         try:
-            ended = _descended(loops, plants[k], begun[k][1], basis, fed_back)
+            ended = _descended(loops, *begun[k], basis, fed_back)
         except np.linalg.LinAlgError:  # a plant without a response, or beyond all bounds
             continue
         if basis is not None:
