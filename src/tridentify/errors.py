@@ -20,6 +20,7 @@ __all__ = [
     "CandidateError",
     "ChannelCountError",
     "ChannelNameError",
+    "ChannelNumberError",
     "CoefficientError",
     "CoefficientMapError",
     "ConstantInputError",
@@ -64,6 +65,7 @@ __all__ = [
     "TooFewSamplesError",
     "TridentifyError",
     "UndeterminedError",
+    "UnknownParameterError",
     "UnitError",
     "UnitMismatchError",
     "UnreadableFileError",
@@ -266,12 +268,23 @@ class ChannelCountError(StructureError):
     """Nested orders, delays or coefficients do not fit the number of outputs and inputs."""
 
 
+class ChannelNumberError(ChannelCountError, IndexError):
+    """There is no output or input of that number."""
+
+
 class OptionError(StructureError, TypeError):
     """An option has a value that is not one of those offered."""
 
 
 class ParameterNameError(StructureError):
     """A coefficient that is fixed, bounded or known otherwise does not exist in the structure."""
+
+
+class UnknownParameterError(ParameterNameError, KeyError):
+    """An estimate has no coefficient of that name."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
 
 
 class CandidateError(StructureError):

@@ -25,7 +25,6 @@ from tridentify.judgement.choice import (
     METHODS,
     beside_stated,
     checked_method,
-    listed,
     with_behaviour,
     with_judgement,
 )
@@ -33,8 +32,10 @@ from tridentify.judgement.direct import directly, not_stable, widened
 from tridentify.judgement.long_record import identified
 from tridentify.judgement.selection.orders import default_candidates
 from tridentify.judgement.selection.select import select_structure
+from tridentify.numerics.executor import check_told
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.record.checks.orders import is_pair
+from tridentify.record.listed import listed
 from tridentify.record.long_record import LongRecord
 from tridentify.record.record import Record
 from tridentify.structure import AutoStructure, Structure
@@ -102,6 +103,7 @@ def identify(
     ('a0', 'b0')
     """
     _check_order(records, structure)
+    check_told(progress)
     wanted = _wanted(structure, poles, zeros)
     estimate = (
         identify_long(records, wanted, method, progress)

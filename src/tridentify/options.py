@@ -200,6 +200,8 @@ def checked(given: Mapping[str, Any]) -> dict[str, str]:
     ('3', 'auto')
     """
     known = {one.name: one for one in OPTIONS}
+    if not isinstance(given, Mapping):
+        raise OptionError.found("the options ", given, "names and choices", 'write {"poles": 2}')
     for name, value in given.items():
         if name not in known:
             raise OptionError(

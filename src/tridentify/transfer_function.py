@@ -27,6 +27,7 @@ from tridentify.record.checks.coefficients import (
     nested_coefficients,
     stripped,
 )
+from tridentify.record.checks.names import check_channel
 from tridentify.record.checks.samples import channel_names
 from tridentify.record.checks.values import made_from
 from tridentify.writing import interop
@@ -153,14 +154,15 @@ class TransferFunction(ModelViews):
 
         Raises
         ------
-        IndexError
-            There is no such channel.
+        ChannelNumberError
+            There is no such channel; it is an IndexError, too.
 
         Examples
         --------
         >>> TransferFunction([[[1.0], [2.0]]], [1.0, 3.0]).channel(0, 1).num[0][0]
         array([2.])
         """
+        check_channel(output, source, self.output_names, self.input_names)
         return TransferFunction(
             self.num[output][source],
             self.den[output][source],

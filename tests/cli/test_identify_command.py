@@ -152,8 +152,8 @@ def test_a_column_of_time_that_tells_otherwise_is_pointed_out(
     columns = {header: factor * clean["t"], "elevator": clean["elevator"], "q": clean["q"]}
     outcome = run("identify", write_table("scaled.csv", columns), "--dt", dt, *question, "--json")
     assert outcome.code == 0
-    cautions = [line for line in outcome.err.splitlines() if "caution" in line]
-    assert cautions == ([f"tridentify: caution: column {says}"] if says else [])
+    cautions = [line for line in outcome.err.splitlines() if "is not used" in line]
+    assert cautions == ([f"tridentify: warning: column {says}"] if says else [])
 
 
 def test_an_unused_column_of_time_may_hold_anything(run, write_table, clean, question):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import operator
 import re
 import shlex
@@ -26,11 +25,10 @@ from tridentify.errors import (
 from tridentify.numerics.arrays import Array
 from tridentify.options import NUMBER
 from tridentify.record.checks.names import did_you_mean
-from tridentify.record.formats import assemble
+from tridentify.record.formats import assemble, clock
 from tridentify.record.formats.channels import SECONDS, OpenFile
 from tridentify.record.formats.read import opened
 from tridentify.record.formats.rounded_time import raster_behind
-from tridentify.record.formats.serial_days import serial_unit
 from tridentify.record.formats.summary import channel_summaries
 from tridentify.record.record import Record
 from tridentify.writing.layout import printable
@@ -252,8 +250,6 @@ def _load_one(source: RecordSource, file: Path, activity: Activity) -> Record:
                 f"the time stamps of {shown(time)} are rounded; taken as even steps of "
                 f"{record.dt:.9g} s, which agree with all of them"
             )
-        if time is None and dt is not None:
-            _compare_unused_time(table, dt, activity)
     return masked(without(record, source.missing, activity), source.masked)
 
 
@@ -333,27 +329,6 @@ def _uneven(record: Record, time: str | None) -> str:
     )
 
 
-def _compare_unused_time(table: OpenFile, dt: float, activity: Activity) -> None:
-    """Caution if a column of time that is not used tells of another step."""
-    found = assemble.time_channels(table)
-    if len(found) != 1:
-        return
-    try:
-        values = table.read([table.channels.index(found[0])])[0]
-    except DataError:
-        return
-    scale = SECONDS.get(found[0].unit or serial_unit(values))
-    mean = math.nan if scale is None else scale * float(values[-1] - values[0])
-    mean /= max(len(values) - 1, 1)
-    if found[0].dated and not mean:
-        return  # the day alone
-    if abs(mean - dt) > assemble.JITTER * dt:
-        activity.note(
-            f"caution: column {shown(found[0].header)} is not used; its mean step is {mean:.6g} s, "
-            f"not {dt:.6g} s"
-        )
-
-
 def _with_steps(table: OpenFile, wanted: Sequence[str], step: float) -> str | None:
     """Name the one column beside those wanted that counts such steps [s], None without one."""
     taken = [assemble.find_channel(table, name) for name in wanted]
@@ -366,7 +341,7 @@ def _with_steps(table: OpenFile, wanted: Sequence[str], step: float) -> str | No
             steps = scale * np.diff(table.read([index])[0])
         except DataError:
             continue
-        if steps.size and steps.min() > 0 and abs(steps.mean() - step) <= assemble.JITTER * step:
+        if steps.size and steps.min() > 0 and abs(steps.mean() - step) <= clock.JITTER * step:
             found.append(channel.header)
     return found[0] if len(found) == 1 else None
 
@@ -393,7 +368,7 @@ def find_time(table: OpenFile, wanted: Sequence[str]) -> str | None:
     if all(assemble.find_channel(table, name).clock for name in wanted):
         return None
     names = [channel.header for channel in table.channels if channel.header]
-    found = [channel.header for channel in assemble.time_channels(table)]
+    found = [channel.header for channel in clock.time_channels(table)]
     if len(found) > 1:
         asked = [assemble.find_channel(table, name).header for name in wanted]
         found = [name for name in found if name not in asked]

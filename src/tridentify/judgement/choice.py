@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
@@ -10,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tridentify.errors import OptionError, SampleTypeError, shown
+from tridentify.errors import OptionError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import ranked
 from tridentify.estimation.closed_loop.moving import any_moves
@@ -42,7 +41,6 @@ from tridentify.judgement.cautions.coefficients import coefficient_findings
 from tridentify.judgement.direct import about_direct, predictor_findings
 from tridentify.judgement.validation.reacting_reference import reference_findings
 from tridentify.record.checks.samples import Behaviour
-from tridentify.record.long_record import LongRecord
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 from tridentify.writing.layout import as_call
@@ -228,38 +226,4 @@ def checked_method(method: object) -> Method:
             write = f"{method.__name__}()"
     raise OptionError(
         f"found method={found}; expected a method with its options; write method={write}"
-    )
-
-
-def listed(records: Record | Sequence[Record]) -> list[Record]:
-    """Records as a list.
-
-    Raises
-    ------
-    SampleTypeError
-        Something else is among them.
-    """
-    if isinstance(records, Record):
-        return [records]
-    if isinstance(records, LongRecord):
-        iter(records)  # it says itself that it is none in memory
-    if isinstance(records, str | os.PathLike):
-        raise _not_read(f"the file {shown(str(records))}", "read_record(file")
-    if hasattr(records, "columns"):
-        raise _not_read(f"a {type(records).__name__}", "record_from_frame(frame")
-    found = list(records) if isinstance(records, Sequence) else [records]
-    wrong = [type(item).__name__ for item in found if not isinstance(item, Record)]
-    if wrong:
-        raise SampleTypeError(
-            f"found {wrong[0]} in place of a record; expected a Record or a list of them; write "
-            "Record(u, y, dt=...)"
-        )
-    return found
-
-
-def _not_read(found: str, call: str) -> SampleTypeError:
-    """The error about a file or a frame where a record belongs."""
-    return SampleTypeError(
-        f"found {found} in place of a record; expected a Record, which says what is input and what "
-        f"output; write {call}, inputs=[...], outputs=[...]) and pass what it gives"
     )

@@ -173,9 +173,13 @@ def frequencies(given: object, example: str) -> Array:
     Raises
     ------
     SampleTypeError, OptionError
-        As `numbers`, or it is a single one.
+        As `numbers`, or it is a single one, or one is not positive: the axis is logarithmic.
     """
     found = numbers("omega", given, example)
+    if found.min() <= 0.0:
+        raise OptionError.found(
+            "omega=", float(found.min()), "frequencies above zero [rad/s]", "leave it out"
+        )
     if found.size < 2:
         raise OptionError(
             f"found one frequency, omega={found[0]:.6g}; expected several [rad/s] to draw a curve "

@@ -29,8 +29,9 @@ from tridentify.errors import (
 from tridentify.numerics.arrays import Array
 from tridentify.record.checks.samples import Intersample
 from tridentify.record.checks.times import TIME_TOLERANCE
-from tridentify.record.formats.assemble import Wanted, find_channel, record_from, time_channels
+from tridentify.record.formats.assemble import Wanted, find_channel, record_from
 from tridentify.record.formats.channels import SECONDS
+from tridentify.record.formats.clock import time_channels
 from tridentify.record.formats.parts import Part, PartedFile, damaged, open_parts
 from tridentify.record.formats.time_names import epoch_unit, unit_in_name
 from tridentify.record.record import Record

@@ -49,7 +49,7 @@ from tridentify.estimation.methods.base import Method, Progress
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.identify import METHODS
 from tridentify.numerics.arrays import Array, Complex
-from tridentify.numerics.executor import Executor
+from tridentify.numerics.executor import Executor, check_told, mapping_of
 from tridentify.numerics.quantiles import ONE_SIGMA
 from tridentify.numerics.realization import sort_poles
 from tridentify.numerics.threads import one_blas_thread
@@ -285,6 +285,8 @@ def bootstrap(
     >>> copies.theta.shape, copies.n_failed
     ((20, 2), 0)
     """
+    mapped = mapping_of(executor)
+    check_told(progress)
     count, own_seed = checked_count("n_draws", n_draws, 2), checked_count("seed", seed, 0)
     listed = _listed(estimate, records)
     chosen = _held(estimate, _method_of(estimate) if method is None else _checked(method))
@@ -296,7 +298,7 @@ def bootstrap(
         for k, own in enumerate(np.random.SeedSequence(own_seed).spawn(count))
     ]
     outcomes: list[_Outcome] = []
-    for outcome in (map if executor is None else executor.map)(identify_copy, tasks):
+    for outcome in mapped(identify_copy, tasks):
         outcomes.append(outcome)
         if progress is not None:
             progress(f"bootstrap: {len(outcomes)} of {count}")

@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from tridentify.errors import OutputPathError
+from tridentify.errors import OptionError, OutputPathError
 
 DRAFT_AGE = 86_400.0
 """After so long without a change a draft belongs to a run that was killed [s]: a day, longer than
@@ -53,7 +53,7 @@ def write_atomically(path: str | os.PathLike[str], content: str | bytes) -> Path
     ...     write_atomically(Path(folder) / "new" / "note.txt", "done").read_text()
     'done'
     """
-    target = Path(path)
+    target = checked_path(path)
     data = content.encode("utf-8") if isinstance(content, str) else content
     try:
         if _is_channel(target):
@@ -69,6 +69,24 @@ def write_atomically(path: str | os.PathLike[str], content: str | bytes) -> Path
             "choose another output path"
         ) from error
     return target
+
+
+def checked_path(path: object) -> Path:
+    """The name of a file.
+
+    Raises
+    ------
+    OptionError
+        It is neither a text nor a path.
+
+    Examples
+    --------
+    >>> checked_path("model.json").name
+    'model.json'
+    """
+    if isinstance(path, str | os.PathLike):
+        return Path(path)
+    raise OptionError.found("the path ", path, "the name of a file", 'write "model.json"')
 
 
 def write_json(path: str | os.PathLike[str], document: Any) -> Path:

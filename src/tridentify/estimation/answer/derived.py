@@ -8,18 +8,29 @@ from types import MappingProxyType
 
 import numpy as np
 
+from tridentify.errors import UnknownParameterError
 from tridentify.estimation.answer.content import Content
 from tridentify.estimation.answer.parameter import Parameter
 from tridentify.numerics import delta_method
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.quantiles import ONE_SIGMA, around
 from tridentify.numerics.root_draws import pole_values
+from tridentify.record.checks.names import check_channel
 from tridentify.writing.layout import unit_ratio
 
 Row = tuple[str, float, float, str]
 HELD = 1e-17
 """A derived error below this share of its value is no error: a tenth of the rounding of a
 double."""
+
+
+class _ByName(dict[str, Parameter]):
+    """Coefficients by name; one that is not there is told those that are."""
+
+    def __missing__(self, name: object) -> Parameter:
+        raise UnknownParameterError.found(
+            "the coefficient ", name, f"one of {', '.join(self)}", "see estimate.names"
+        )
 
 
 class Derived(Content):
@@ -33,12 +44,15 @@ class Derived(Content):
 
     @property
     def parameters(self) -> Mapping[str, Parameter]:
-        """Name -> `Parameter`, in the order of ``names``."""
+        """Name -> `Parameter`, in the order of ``names``.
+
+        Another name raises `UnknownParameterError`, which is a KeyError, too.
+        """
         rows = zip(self.names, self.theta.tolist(), self.std.tolist(), strict=True)
-        table = {
-            name: Parameter(name, v, std, self._unit(name), self.draws[:, k])
+        table = _ByName(
+            (name, Parameter(name, v, std, self._unit(name), self.draws[:, k]))
             for k, (name, v, std) in enumerate(rows)
-        }
+        )
         return MappingProxyType(table)
 
     def channel(self, output: int, input_: int) -> tuple[Array, Array, Array]:
@@ -55,7 +69,13 @@ class Derived(Content):
             Descending powers, ``den`` monic.
         cov : ndarray, shape (n + m + 2, n + m + 2)
             Of ``(a_{n-1}, ..., a_0, b_m, ..., b_0, delay)``; zero for what was not estimated.
+
+        Raises
+        ------
+        ChannelNumberError
+            There is no such channel; it is an IndexError, too.
         """
+        check_channel(output, input_, self.output_names, self.input_names)
         den, num = self.model.den[output][input_], self.model.num[output][input_]
         label = f"[{self.output_names[output]},{self.input_names[input_]}]"
         position = {name: k for k, name in enumerate(self.names)}

@@ -34,6 +34,7 @@ from tridentify.estimation.methods.base import check_signals, check_times
 from tridentify.judgement.advice.local import DEGREE, Window, local_responses
 from tridentify.judgement.advice.spectra import Stretch, Told, stretches
 from tridentify.numerics.arrays import Array, Complex, Flags
+from tridentify.record.listed import listed
 from tridentify.record.record import Record
 
 SPARE = 8
@@ -174,6 +175,8 @@ def frequency_response(records: Record | Sequence[Record]) -> FrequencyResponse:
 
     Raises
     ------
+    SampleTypeError
+        Something else in place of a record.
     DataError
         No record, or records of different channels.
     ScaleError
@@ -189,7 +192,7 @@ def frequency_response(records: Record | Sequence[Record]) -> FrequencyResponse:
     >>> round(float(np.median(measured.coherence)), 1)
     1.0
     """
-    given = [records] if isinstance(records, Record) else list(records)
+    given = listed(records)
     check_surveyed(given)
     first = given[0]
     cut = [stretches(given, i) for i in range(first.n_outputs)]

@@ -23,6 +23,7 @@ from tridentify.errors import TridentifyError
 from tridentify.judgement.advice.frequency import frequency_response
 from tridentify.numerics.arrays import Array
 from tridentify.record.checks.times import typical_step
+from tridentify.record.listed import one_record
 from tridentify.record.record import Record
 
 SHARE_OF_RANGE = 0.1
@@ -99,6 +100,11 @@ def find_manoeuvres(record: Record, gap: float | None = None) -> tuple[Manoeuvre
         In the order of time; empty where no input moves or none of the moves is answered. A
         record in which inputs move without a pause is one piece.
 
+    Raises
+    ------
+    SampleTypeError
+        Something else in place of a record.
+
     Examples
     --------
     >>> import numpy as np
@@ -110,6 +116,7 @@ def find_manoeuvres(record: Record, gap: float | None = None) -> tuple[Manoeuvre
     >>> [(round(m.start), round(m.stop)) for m in find_manoeuvres(Record(u, y, dt=0.05))]
     [(48, 56)]
     """
+    record = one_record(record)
     if any(_restless(u) for u in record.u.T):
         return _whole(record)
     away = np.column_stack([_away(record.u[:, j]) for j in range(record.n_inputs)])

@@ -42,11 +42,11 @@ from tridentify.judgement.causes.past_outputs import told_by_past, told_finding
 from tridentify.judgement.causes.wild_beginning import without_wild_beginning
 from tridentify.judgement.cautions.sensors import seen_in
 from tridentify.judgement.cautions.tones import tone_finding
-from tridentify.judgement.choice import listed
 from tridentify.judgement.selection import hankel_values
 from tridentify.numerics.arrays import Array
 from tridentify.record.checks.samples import Behaviour
 from tridentify.record.checks.times import typical_step
+from tridentify.record.listed import listed
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 

@@ -26,7 +26,7 @@ from tridentify.estimation.methods.base import Method, Progress, check_scale, ch
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.causes.intersample import behaviours, taken_as
 from tridentify.judgement.causes.wild_beginning import without_wild_beginning
-from tridentify.judgement.choice import checked_method, listed, with_judgement
+from tridentify.judgement.choice import checked_method, with_judgement
 from tridentify.judgement.selection.beside import bent, drifting
 from tridentify.judgement.selection.contest import Contest
 from tridentify.judgement.selection.decide import (
@@ -53,8 +53,9 @@ from tridentify.judgement.selection.shared import Shared, shared_models
 from tridentify.judgement.selection.table import SelectionTable, table_of
 from tridentify.judgement.selection.words import in_words, notes
 from tridentify.numerics.arrays import Complex
-from tridentify.numerics.executor import Executor
+from tridentify.numerics.executor import Executor, check_told, mapping_of
 from tridentify.numerics.threads import one_blas_thread
+from tridentify.record.listed import listed
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 
@@ -129,6 +130,8 @@ def select_structure(
     >>> selection.recommended.label
     '2, 0'
     """
+    mapping_of(executor)
+    check_told(progress)
     given = tuple(without_wild_beginning(listed(records))[0])
     unseen = () if validation is None else tuple(without_wild_beginning(listed(validation))[0])
     if not given:
@@ -208,12 +211,12 @@ class _Work:
     def run(self, function: Any, tasks: Iterable[Any], said: str) -> list[Any]:
         """All tasks, in their order."""
         self.say(said)
-        mapped = map if self.executor is None else self.executor.map
+        mapped = mapping_of(self.executor)
         return list(mapped(function, list(tasks)))
 
     def counted(self, function: Any, tasks: Sequence[Any], said: str) -> list[Any]:
         """The same, with a word after each."""
-        mapped = map if self.executor is None else self.executor.map
+        mapped = mapping_of(self.executor)
         found = []
         for done, outcome in enumerate(mapped(function, tasks), 1):
             found.append(outcome)

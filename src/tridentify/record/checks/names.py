@@ -8,11 +8,12 @@ refuses all of these (Unicode categories C and Z, save the plain space).
 
 from __future__ import annotations
 
+import operator
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
 
-from tridentify.errors import ChannelNameError, UnitError, shown
+from tridentify.errors import ChannelNameError, ChannelNumberError, UnitError, shown
 
 LONGEST_NAME = 200
 """Longest name of a channel [characters]: twice the longest paths of buses and topics that loggers
@@ -183,3 +184,28 @@ def file_units(units: Mapping[str, str]) -> dict[str, str]:
     found = {name: _OTHER_SPACES.sub(" ", unit) for name, unit in units.items()}
     check_units(found, "correct it in the file, or state the unit of this channel yourself")
     return found
+
+
+def check_channel(
+    output: object, source: object, output_names: Sequence[str], input_names: Sequence[str]
+) -> None:
+    """Refuse numbers that are not those of an output and of an input, counted from zero.
+
+    Raises
+    ------
+    ChannelNumberError
+
+    Examples
+    --------
+    >>> check_channel(0, 1, ["q"], ["elevator", "thrust"])
+    """
+    for what, number, names in (("output", output, output_names), ("input", source, input_names)):
+        if not (
+            hasattr(number, "__index__") and -len(names) <= operator.index(number) < len(names)
+        ):
+            raise ChannelNumberError.found(
+                f"the {what} ",
+                number,
+                f"a number from 0 to {len(names) - 1} ({', '.join(names)})",
+                "count from zero",
+            )

@@ -18,7 +18,6 @@ Instants closer to each other than a thousandth of the smallest mean step are on
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, cast
@@ -27,7 +26,6 @@ import numpy as np
 
 from tridentify.errors import (
     ChannelNameError,
-    DataWarning,
     DuplicateColumnError,
     EmptyRangeError,
     LengthMismatchError,
@@ -44,28 +42,17 @@ from tridentify.numerics.arrays import Array
 from tridentify.record.checks.names import did_you_mean, file_units
 from tridentify.record.checks.samples import Intersample
 from tridentify.record.checks.times import TIME_TOLERANCE, sample_range, time_axis, uniform_step
-from tridentify.record.formats.channels import CALLER, SECONDS, Channel, OpenFile, seconds_of
-from tridentify.record.formats.rounded_time import raster_behind
-from tridentify.record.formats.serial_days import DAY, about_days, serial_unit
-from tridentify.record.formats.time_names import (
-    LONGER_NAMES,
-    TIME_NAMES,
-    epoch_unit,
-    is_epoch,
-    is_stamp,
-    named_time,
-    unit_in_name,
+from tridentify.record.formats.channels import Channel, OpenFile
+from tridentify.record.formats.clock import (
+    JITTER,
+    check_finite,
+    compare_with_own_time,
+    seconds_in,
+    time_channels,
 )
 from tridentify.record.record import Record
 
 Instants = Literal["auto", "outputs", "all"]
-
-DATE_NAMES = ("timestamp", "datetime", "date")
-"""What a channel of time may be called besides if it holds dates: numbers under such a name count
-from who knows when in who knows what."""
-
-JITTER = 0.05
-"""Largest departure of a step of recorded time from a stated `dt`, as a fraction of it."""
 
 
 @dataclass(frozen=True)
@@ -139,12 +126,14 @@ def record_from(source: OpenFile, wanted: Wanted, name: str) -> Record:
     n_inputs = len(wanted.inputs)
     n_driving = n_inputs + len(wanted.references)
     names = _channel_names(channels, slice(n_inputs, n_driving))
+    if wanted.dt is not None and wanted.time is None:
+        compare_with_own_time(source, wanted.dt)
     units = {c.header: c.unit for c in known if c.unit} | _given_units(known, clock, wanted.units)
     values, times = _read(source, channels, clock, wanted, units)
     if len({id(time) for time in times}) == 1:
         t, (first, last) = times[0], sample_range(times[0], wanted.start, wanted.stop)
         for channel, samples in zip(channels[:n_driving], values, strict=False):
-            _check_finite(source, channel, samples, first, last)
+            check_finite(source, channel, samples, first, last)
     else:
         t, values = _one_time_base(values, times, wanted)
         t = _with_step(t, wanted.dt)
@@ -247,40 +236,6 @@ def _kept_units(
 
 
 # ------------------------------------------------------------------------------------------- time
-def time_channels(source: OpenFile) -> list[Channel]:
-    """Give the channels that are time by their name, in any case, without a time of their own.
-
-    Those called t or time; where there are none, those that another language calls so, then those
-    called at greater length or with a unit, then those called `DATE_NAMES` that hold dates, then
-    stamps with a unit or that count from 1970. A ``T`` in a unit that is none of time is another
-    quantity.
-    """
-    free = [c for c in source.channels if not c.clock and not is_other_quantity(c)]
-    named = [free[k] for k in named_time([channel.name for channel in free])]
-    named = named or [c for c in free if c.dated and c.name.casefold() in DATE_NAMES]
-    return named or [c for c in free if _tells_time(source, c)]
-
-
-def is_other_quantity(channel: Channel) -> bool:
-    """Whether a name of one letter or word is that of time, and its unit is none.
-
-    Examples
-    --------
-    >>> [is_other_quantity(Channel(f"T [{u}]", "T", u)) for u in ("°C", "ms", "")]
-    [True, False, False]
-    """
-    short = channel.name.casefold() in ("t", *LONGER_NAMES, *TIME_NAMES[2:])
-    return short and not channel.dated and channel.unit not in SECONDS
-
-
-def _tells_time(source: OpenFile, channel: Channel) -> bool:
-    """Whether stamps say in what they count, or do so by how large they are."""
-    if channel.dated or not is_stamp(channel.name):
-        return False
-    if channel.unit:
-        return channel.unit in SECONDS
-    (values,) = source.read([source.channels.index(channel)])
-    return is_epoch(values)
 
 
 def _with_time(source: OpenFile, wanted: Wanted) -> Wanted:
@@ -314,7 +269,7 @@ def _read(
     """Give the samples of the channels, and the sampling instants [s] of each."""
     asked = ([clock] if clock else []) + channels
     values = source.read([source.channels.index(channel) for channel in asked])
-    named = None if clock is None else _seconds(source, clock, values.pop(0), units)
+    named = None if clock is None else seconds_in(source, clock, values.pop(0), units)
     several = len({channel.clock for channel in channels}) > 1
     axes: dict[str, Array] = {}
     for channel, samples in zip(channels, values, strict=True):
@@ -360,26 +315,6 @@ def _no_time(
         f"{shown(channel.header)}; expected channels that were sampled together; choose the time "
         "of its own group"
     )
-
-
-def _seconds(source: OpenFile, clock: Channel, time: Array, units: Mapping[str, str]) -> Array:
-    _check_finite(source, clock, time, 0, len(time))
-    unit = units.get(clock.header) or unit_in_name(clock.name) or epoch_unit(time)
-    if not unit and not clock.dated:
-        unit = serial_unit(time)
-        if said := about_days(time, unit, clock.header, source.path.name):
-            warnings.warn(said, DataWarning, stacklevel=CALLER)
-    if SECONDS.get(unit) == DAY:
-        time = time - time[:1]  # as seconds they would lose digits
-    if unit in ("s", "sec") and epoch_unit(time):
-        raise UnitError(
-            f"found {time[0]:.6g} s in the time column {shown(clock.header)}; expected less than "
-            "1e11, as seconds since 1970 are; correct its unit (ms, us or ns)"
-        )
-    scale = seconds_of(unit, clock.header)
-    even = raster_behind(time)
-    seconds: Array = (time if even is None else even) * scale
-    return seconds
 
 
 def _sampling_instants(recorded: Array | None, dt: float | None, n_samples: int) -> Array:
@@ -472,15 +407,6 @@ def _spread(time: Array, values: Array, t: Array, slack: float) -> Array:
 
 
 # ---------------------------------------------------------------------------------------- samples
-def _check_finite(source: OpenFile, channel: Channel, values: Array, first: int, last: int) -> None:
-    finite = np.isfinite(values[first:last])
-    if not finite.all():
-        row = first + int(np.argmin(finite))
-        raise NotFiniteError(
-            f"found {values[row]} (or a blank) in column {shown(channel.header)}, "
-            f"{source.place(row)} of {shown(source.path.name)}; expected a finite number; repair "
-            "it or cut the record"
-        )
 
 
 def _stack(columns: list[Array], first: int, last: int) -> Array:

@@ -27,8 +27,9 @@ from tridentify.errors import (
 from tridentify.numerics.arrays import Array
 from tridentify.record.checks.samples import Intersample
 from tridentify.record.checks.times import uniform_step
-from tridentify.record.formats.assemble import Wanted, record_from, time_channels
+from tridentify.record.formats.assemble import Wanted, record_from
 from tridentify.record.formats.channels import CALLER, Channel, SampledFile, header_channel
+from tridentify.record.formats.clock import time_channels
 from tridentify.record.formats.dates import Instants, read_moment
 from tridentify.record.formats.requirements import require
 from tridentify.record.formats.time_names import is_called_time

@@ -10,8 +10,8 @@ import numpy as np
 from tridentify.errors import OptionError, SamplingError
 from tridentify.numerics.arrays import Array
 from tridentify.record.checks.times import check_increasing, uniform_step
-from tridentify.record.formats.assemble import time_channels
 from tridentify.record.formats.channels import SECONDS, Channel, OpenFile
+from tridentify.record.formats.clock import time_channels
 from tridentify.record.formats.contents import Contents
 from tridentify.record.formats.read import opened
 from tridentify.record.formats.serial_days import clock_seconds

@@ -12,8 +12,8 @@ import numpy as np
 from tridentify.errors import DataError, DataWarning
 from tridentify.numerics.arrays import Array
 from tridentify.record.checks.times import uniform_step
-from tridentify.record.formats.assemble import time_channels
 from tridentify.record.formats.channels import CALLER, SECONDS, Channel, OpenFile
+from tridentify.record.formats.clock import time_channels
 from tridentify.record.formats.csv import TextFile
 from tridentify.record.formats.roles import guess_roles
 from tridentify.record.formats.serial_days import about_days, clock_seconds, serial_unit
