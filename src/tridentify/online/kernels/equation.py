@@ -75,9 +75,10 @@ def build_row(ints: Indices, c: Array, x: Array, i: int, y: float) -> float:
     row, basis = ints[slots.AT_ROW], ints[slots.C_BASIS]
     at = row
     if ints[slots.FREE]:
+        # also once the free response is over: the Kalman filter reads the whole row
+        for s in range(p * q):
+            x[at + s] = 0.0
         if x[slots.FIRST] == 0.0:
-            for s in range(p * q):
-                x[at + s] = 0.0
             for s in range(q):
                 x[at + i * q + s] = x[ints[slots.AT_IMPULSE] + s]
         at += p * q
