@@ -3,7 +3,8 @@
 What is understood: ``2026-11-22T10:30:00.25``, with a blank for the T, with ``Z`` or ``+01:00``, a
 date alone, and ``10:30:00.25`` alone, whose hours may go on beyond 24 as those of a stopwatch do.
 ``2026/11/22`` and ``22.11.2026`` have one reading as well. Years are those from 1900 to 2189. All
-times of a column are written alike. Times of day go on over midnight where their steps do.
+times of a column are written alike. Times of day go on over midnight where their steps do, and
+dates without a zone over an hour that the clock is put forward or back (`summer_time`).
 
 ``11/20/2026 11:59:40 AM`` has two readings, as 1/2/2026 is January to one reader and February to
 another: a column of those is read in the order of day and month that all its dates allow, and where
@@ -19,6 +20,7 @@ from datetime import UTC, datetime
 import numpy as np
 
 from tridentify.numerics.arrays import Array
+from tridentify.record.formats.summer_time import without_clock_change
 
 _DATE = re.compile(
     r"(\d{4}-\d\d-\d\d|\d{4}/\d\d/\d\d|\d\d\.\d\d\.\d{4})"
@@ -44,6 +46,8 @@ Moment = tuple[str, int]
 
 SLASHES = "day and month in either order"
 DOTS = "date with points"
+WITHOUT_ZONE = ("date", "date with slashes", DOTS, SLASHES)
+"""Kinds of time as the clock on the wall tells it."""
 
 LONGEST_LEAP = 2.0
 """Step over midnight, in largest other steps, up to which a time of day goes on the next day."""
@@ -184,6 +188,9 @@ class Instants:
         """Seconds since the first time that is known; nan for a blank."""
         known = np.array(self._known, dtype=np.bool_)
         counts = self._read() if self._kind == SLASHES else np.array(self._counts, dtype=np.int64)
+        if self._kind in WITHOUT_ZONE:
+            counts, changed = without_clock_change(counts, known)
+            self.choice = " and ".join(filter(None, (self.choice, changed)))
         if known.any():
             counts = counts - counts[int(np.argmax(known))]
         if self._kind == "time of day":

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tridentify.errors import (
     DataWarning,
@@ -24,7 +25,7 @@ from tridentify.errors import (
     TextInColumnError,
     shown,
 )
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Flags
 from tridentify.record.checks.samples import Intersample
 from tridentify.record.checks.times import uniform_step
 from tridentify.record.formats.assemble import Wanted, record_from
@@ -32,6 +33,7 @@ from tridentify.record.formats.channels import CALLER, Channel, SampledFile, hea
 from tridentify.record.formats.clock import time_channels
 from tridentify.record.formats.dates import Instants, read_moment
 from tridentify.record.formats.requirements import require
+from tridentify.record.formats.summer_time import without_clock_change
 from tridentify.record.formats.time_names import is_called_time
 from tridentify.record.record import Record, in_memory
 
@@ -91,21 +93,31 @@ class FrameTable(SampledFile):
                     "convert the column to datetime"
                 )
         values = instants.values()
-        if instants.choice:
-            warnings.warn(
-                f"found {instants.choice} in column {shown(name)}", DataWarning, stacklevel=CALLER
-            )
+        _say(instants.choice, name)
         return values
+
+    def _dated(self, name: str, column: nw.Series[Any]) -> Array:
+        """A column of instants, in seconds from the first."""
+        import narwhals as nw
+
+        counts, missing = _nanoseconds(column.dt.timestamp("ns"))
+        if isinstance(column.dtype, nw.Datetime) and column.dtype.time_zone is None:
+            counts, told = without_clock_change(counts, ~missing)
+            _say(told, name)
+        if not missing.all():
+            counts = counts - counts[int(np.argmin(missing))]
+        return np.where(missing, np.nan, counts * 1e-9)
 
     def _floats(self, name: str) -> Array:
         import narwhals as nw
 
         column, kind = self.frame.get_column(name), self._kinds[name]
         if isinstance(kind, nw.Duration):
-            return _seconds(column.dt.total_nanoseconds(), from_first=False)
+            counts, missing = _nanoseconds(column.dt.total_nanoseconds())
+            return np.where(missing, np.nan, counts * 1e-9)
         if isinstance(kind, nw.Datetime | nw.Date):
             exact = column.cast(nw.Datetime("ns")) if isinstance(kind, nw.Date) else column
-            return _seconds(exact.dt.timestamp("ns"), from_first=True)
+            return self._dated(name, exact)
         if isinstance(kind, nw.Boolean) or kind.is_numeric():
             return _float_array(column)
         if self._is_dated(name):
@@ -141,13 +153,16 @@ def _float_array(column: nw.Series[Any]) -> Array:
     return np.asarray(values.to_numpy(), dtype=np.float64)
 
 
-def _seconds(nanoseconds: nw.Series[Any], *, from_first: bool) -> Array:
-    missing = np.asarray(nanoseconds.is_null().to_numpy(), dtype=bool)
-    whole = nanoseconds.fill_null(0) if missing.any() else nanoseconds
-    counts = np.asarray(whole.to_numpy()).astype(np.int64)
-    if from_first and not missing.all():
-        counts = counts - counts[int(np.argmin(missing))]
-    return np.where(missing, np.nan, counts * 1e-9)
+def _nanoseconds(series: nw.Series[Any]) -> tuple[NDArray[np.int64], Flags]:
+    """Whole numbers, and where there is none."""
+    missing = np.asarray(series.is_null().to_numpy(), dtype=bool)
+    whole = series.fill_null(0) if missing.any() else series
+    return np.asarray(whole.to_numpy()).astype(np.int64), missing
+
+
+def _say(found: str, name: str) -> None:
+    if found:
+        warnings.warn(f"found {found} in column {shown(name)}", DataWarning, stacklevel=CALLER + 1)
 
 
 def record_from_frame(
