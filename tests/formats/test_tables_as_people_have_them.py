@@ -296,3 +296,28 @@ def test_sheets_with_numbers_are_told_apart(book) -> None:
 def test_sheets_that_are_no_table_are_refused(book, rows, error, words) -> None:
     with pytest.raises(error, match=words):
         read_record(book(rows), **ASKED)
+
+
+@pytest.mark.parametrize("separator", [",", ";"])
+def test_percent_signs_behind_all_cells_of_a_column(tmp_path, separator):
+    sign = "." if separator == "," else ","
+    rows = [[f"{0.1 * k:.1f}", f"{k % 3 + 0.5}%", f"{k} %"] for k in range(9)]
+    lines = [separator.join(row).replace(".", sign) for row in rows]
+    file = tmp_path / "valve.csv"
+    file.write_text("\n".join([separator.join(["time", "valve", "level"]), *lines]))
+    record = read_record(file, inputs=["valve"], outputs=["level"])
+    assert record.u[:4, 0].tolist() == [0.5, 1.5, 2.5, 0.5]
+    assert record.y[:3, 0].tolist() == [0.0, 1.0, 2.0]
+
+
+def test_a_percent_sign_behind_one_cell_alone_is_refused(tmp_path):
+    rows = "\n".join(f"{0.1 * k:.1f},{k % 3}{'%' * (k == 4)},{k}" for k in range(9))
+    (tmp_path / "valve.csv").write_text(f"time,valve,level\n{rows}\n")
+    with pytest.raises(errors.TextInColumnError, match="'1%' in column 'valve'"):
+        read_record(tmp_path / "valve.csv", inputs=["valve"], outputs=["level"])
+
+
+def test_the_only_column_of_dates_is_time_whatever_it_is_called(tmp_path):
+    rows = "\n".join(f"2026-01-01 00:00:{k:02d},{k % 3},{k}" for k in range(9))
+    (tmp_path / "log.csv").write_text(f"Datum,valve,level\n{rows}\n")
+    assert read_record(tmp_path / "log.csv", inputs=["valve"], outputs=["level"]).dt == 1.0

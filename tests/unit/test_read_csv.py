@@ -176,7 +176,8 @@ def test_an_unknown_unit_of_time_is_refused(write) -> None:
 
 # ------------------------------------------------------------------------------------------ time
 def test_without_time_column_time_begins_at_zero(write) -> None:
-    record = read(write(GOOD), time=None, dt=0.1)
+    with pytest.warns(errors.DataWarning, match="'t' is not used"):
+        record = read(write(GOOD), time=None, dt=0.1)
     np.testing.assert_allclose(record.t, [0.0, 0.1, 0.2])
 
 
@@ -202,8 +203,9 @@ def test_a_column_called_time_is_taken_by_its_name(write, name: str) -> None:
     assert found.duration == (1e-3 if "ms" in name else 1.0)
 
 
-def test_a_stated_step_leaves_a_column_called_time_alone(write) -> None:
-    assert read(write(GOOD), time=None, dt=7.0).dt == 7.0
+def test_a_stated_step_leaves_a_column_called_time_alone_and_says_so(write) -> None:
+    with pytest.warns(errors.DataWarning, match=r"mean step is 0\.5 s, not 7 s"):
+        assert read(write(GOOD), time=None, dt=7.0).dt == 7.0
 
 
 @pytest.mark.parametrize(

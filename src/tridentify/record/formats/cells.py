@@ -49,8 +49,16 @@ def is_error_word(cell: str) -> bool:
 
 
 def read_number(cell: str, decimal: str = ".") -> float | None:
-    """Give the number a cell holds, nan when it is blank, None when it is text."""
+    """Give the number a cell holds, nan when it is blank, None when it is text.
+
+    Examples
+    --------
+    >>> read_number(" 3,5 %", ","), read_number("%"), read_number("3 m")
+    (3.5, None, None)
+    """
     text = cell.strip()
+    if is_percentage(text):
+        text = text[:-1].rstrip()
     if text.lower() in MISSING:
         return math.nan
     if decimal == ",":
@@ -61,6 +69,12 @@ def read_number(cell: str, decimal: str = ".") -> float | None:
         return None if "_" in text else float(text)
     except ValueError:
         return None
+
+
+def is_percentage(cell: str) -> bool:
+    """Whether a cell ends in a percent sign behind a digit or a point."""
+    number = cell.strip().removesuffix("%").rstrip()
+    return cell.strip() != number and number[-1:].isdecimal() and cell.strip()[-1:] == "%"
 
 
 def is_value(cell: str) -> bool:
@@ -116,12 +130,17 @@ class Numbers:
         self.decimal = decimal
         self.groups = _Groups()
         self._values = array("d")
+        self._percentages: bool | None = None
 
     def take(self, cell: str, line: int) -> bool:
-        """Take a cell; False if it is no number."""
+        """Take a cell; False if it is no number, or the only one with or without a % behind it."""
         number = read_number(cell, self.decimal)
         if number is None:
             return False
+        if not math.isnan(number):
+            if is_percentage(cell) != (self._percentages is True) and self._percentages is not None:
+                return False
+            self._percentages = is_percentage(cell)
         self._values.append(number)
         if self.decimal == ",":
             self.groups.note(cell.strip(), line)

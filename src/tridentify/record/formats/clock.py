@@ -35,13 +35,15 @@ def time_channels(source: OpenFile) -> list[Channel]:
 
     Those called t or time; where there are none, those that another language calls so, then those
     called at greater length or with a unit, then those called `DATE_NAMES` that hold dates, then
-    stamps with a unit or that count from 1970. A ``T`` in a unit that is none of time is another
-    quantity.
+    stamps with a unit or that count from 1970, then the one column that holds dates. A ``T`` in a
+    unit that is none of time is another quantity.
     """
     free = [c for c in source.channels if not c.clock and not is_other_quantity(c)]
     named = [free[k] for k in named_time([channel.name for channel in free])]
     named = named or [c for c in free if c.dated and c.name.casefold() in DATE_NAMES]
-    return named or [c for c in free if _tells_time(source, c)]
+    named = named or [c for c in free if _tells_time(source, c)]
+    dated = [c for c in free if c.dated]
+    return named or (dated if len(dated) == 1 else [])
 
 
 def is_other_quantity(channel: Channel) -> bool:
