@@ -32,7 +32,7 @@ from tridentify.estimation.likelihood.two_weights import in_words
 from tridentify.models.experiment import MIDDLING
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.information import aicc_price
-from tridentify.numerics.kept import cached_property
+from tridentify.numerics.kept import Beside, cached_property
 from tridentify.numerics.realization import numerators
 from tridentify.record.record import Record
 from tridentify.structure import Structure
@@ -199,7 +199,8 @@ def solved_at(
     )
 
 
-_last: list[tuple[TransferFunction, tuple[Record, ...], Nuisances, Point]] = []
+_ENDS = Beside[Point]("end")
+"""Of a model: where it was found, with all that was worked out there."""
 
 
 def _keep(
@@ -212,13 +213,13 @@ def _keep(
         one.dt is not None and e.n_samples == one.n_samples <= MIDDLING for e, one in samples
     )
     if whole and problem.limits is None and structure.delay != "free":
-        _last[:] = [(model, tuple(records), ending.nuisances, ending.point)]
+        _ENDS.keep(ending.point, model, tuple(records), ending.nuisances)
 
 
 def kept_point(
     model: TransferFunction, records: Sequence[Record], nuisances: Nuisances
 ) -> Point | None:
-    """Where the model of the last estimate came from, with all that was worked out there.
+    """Where a model came from, with all that was worked out there.
 
     Parameters
     ----------
@@ -234,11 +235,7 @@ def kept_point(
     Point or None
         None where it is not the last, or was fitted to anything else.
     """
-    for own, those, terms, point in list(_last):
-        same = own is model and terms == nuisances and len(those) == len(records)
-        if same and all(one is other for one, other in zip(those, records, strict=True)):
-            return point
-    return None
+    return _ENDS.find(model, tuple(records), nuisances)
 
 
 def widened_by(cov: Array, draws: Array, moves: Sequence[Array]) -> tuple[Array, Array]:
