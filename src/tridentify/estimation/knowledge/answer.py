@@ -26,7 +26,12 @@ from tridentify.estimation.knowledge.affine import Knowledge
 from tridentify.estimation.knowledge.descend import ConstrainedEnd, free_directions
 from tridentify.estimation.knowledge.fixed_denominator import Denominator, HeldFit
 from tridentify.estimation.knowledge.scores import constrained_scatter
-from tridentify.estimation.likelihood.answer import fit_percent, free_after, model_of
+from tridentify.estimation.likelihood.answer import (
+    fit_percent,
+    free_after,
+    model_of,
+    noise_criterion,
+)
 from tridentify.estimation.likelihood.curvature import SINGULAR
 from tridentify.estimation.likelihood.levenberg_marquardt import ROUNDING_SQUARED
 from tridentify.estimation.likelihood.nuisance import Nuisances, reference_of
@@ -180,7 +185,8 @@ def estimate_of(
         ),
         degrees_of_freedom=round(float(left.sum())),
         cost=_mean_square(here),
-        aicc=criterion(here, known) + _noise_criterion(here, known, n),
+        aicc=criterion(here, known)
+        + noise_criterion(problem.noise, here.place.regressions, unknowns(here, known), n),
         condition=spread.condition,
         gradient=reached.gradient,
         noise_model=problem.noise,
@@ -270,16 +276,6 @@ def _mean_square(here: HeldFit) -> float:
     if np.any(variance == 0):
         return 0.0
     return float(np.exp(here.counts @ np.log(variance) / here.counts.sum()))
-
-
-def _noise_criterion(here: HeldFit, known: Knowledge, n: float) -> float:
-    """What the noise model adds to AICc: its coefficients, and the scale of the innovations."""
-    added = sum(a.size for a in here.problem.noise)
-    if not added:
-        return 0.0
-    k = unknowns(here, known)
-    scale = float(sum(sum(r.log_scale) for r in here.place.regressions))
-    return scale + aicc_price(float(k + added), n) - aicc_price(float(k), n)
 
 
 def _nuisance(

@@ -30,6 +30,7 @@ from tridentify.estimation.likelihood.nuisance import Nuisances, reference_of
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.estimation.likelihood.two_weights import in_words
 from tridentify.models.experiment import MIDDLING
+from tridentify.models.regression import Regression
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.information import aicc_price
 from tridentify.numerics.kept import Beside, cached_property
@@ -99,7 +100,10 @@ class Ending:
     @property
     def aicc(self) -> float:
         """AICc, the noise model counted."""
-        return self.criterion + _noise_criterion(self.point)
+        point, problem = self.point, self.point.problem
+        k = problem.n_coefficients + problem.n_nuisance + problem.n_outputs
+        n = float(point.counts.sum())
+        return self.criterion + noise_criterion(problem.noise, point.regressions, k, n)
 
     def told(self, *words: str) -> Self:
         """The same with further decisions."""
@@ -284,15 +288,24 @@ def _left_out(problem: Problem) -> tuple[Finding, ...]:
     )
 
 
-def _noise_criterion(point: Point) -> float:
-    """What the noise model adds to AICc: its coefficients, and the scale of the innovations."""
-    added = sum(a.size for a in point.problem.noise)
+def noise_criterion(
+    noise: Sequence[Array], regressions: Sequence[Regression], k: int, n: float
+) -> float:
+    """What the noise model adds to AICc: its coefficients, and the scale of the innovations.
+
+    Parameters
+    ----------
+    noise : sequence of (p,) arrays
+    regressions : sequence of Regression
+    k : int
+        All other unknowns.
+    n : float
+        Samples of all outputs.
+    """
+    added = sum(a.size for a in noise)
     if not added:
         return 0.0
-    problem, n = point.problem, float(point.counts.sum())
-    k = problem.n_coefficients + problem.n_nuisance + problem.n_outputs
-
-    scale = float(sum(sum(r.log_scale) for r in point.regressions))
+    scale = float(sum(sum(r.log_scale) for r in regressions))
     return scale + aicc_price(float(k + added), n) - aicc_price(float(k), n)
 
 

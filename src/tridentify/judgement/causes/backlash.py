@@ -219,9 +219,4 @@ def _of_input(present: Present, j: int) -> Rival | None:
 
 
 def _through(present: Present, j: int, half: float) -> Present:
-    records = []
-    for record in present.records:
-        u = np.array(record.u)
-        u[:, j] = play(u[:, j], np.array([half]), np.nan)[:, 0]
-        records.append(record._derive(u=u))
-    return replace(present, records=tuple(records))
+    return present.acted(j, lambda one: play(one.u[:, j], np.array([half]), np.nan)[:, 0])

@@ -245,12 +245,7 @@ def _of_input(present: Present, j: int) -> Rival | None:
 
 
 def _clipped(present: Present, j: int, low: float, high: float) -> Present:
-    records = []
-    for record in present.records:
-        u = np.array(record.u)
-        u[:, j] = np.clip(u[:, j], low, high)
-        records.append(record._derive(u=u))
-    return replace(present, records=tuple(records))
+    return present.acted(j, lambda record: np.clip(record.u[:, j], low, high))
 
 
 def _of_rate(present: Present, j: int) -> Rival | None:
@@ -311,12 +306,9 @@ def _of_rate(present: Present, j: int) -> Rival | None:
 
 def _limited_rate(present: Present, j: int, most: float) -> Present:
     """With what follows an input by no more than `most` a sample."""
-    records = []
-    for record in present.records:
-        u = np.array(record.u)
-        u[:, j] = following(u[:, j], most, held=record.behaviour == "zoh")
-        records.append(record._derive(u=u))
-    return replace(present, records=tuple(records))
+    return present.acted(
+        j, lambda record: following(record.u[:, j], most, held=record.behaviour == "zoh")
+    )
 
 
 def following(u: Array, most: float, *, held: bool) -> Array:

@@ -67,9 +67,10 @@ from tridentify.estimation.likelihood.levenberg_marquardt import (
     coefficients,
     criterion,
     mean_square,
+    status_at,
 )
 from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidates
-from tridentify.estimation.likelihood.problem import REFLECTED, TOO_FAST, Problem
+from tridentify.estimation.likelihood.problem import Problem
 from tridentify.estimation.likelihood.thresholds import TRUSTED
 from tridentify.estimation.methods.base import Progress, check
 from tridentify.estimation.methods.capability import Capability, refuse_missing
@@ -248,7 +249,7 @@ def _settle(
         )
         passes.append(_described(number, point, step, note))
         if moved < tolerance:
-            status = _verdict(note)
+            status = status_at(note)
             why = f"the next pass would move the coefficients by {moved:.0e} standard errors"
             break
         if at_rounding(point):
@@ -257,15 +258,9 @@ def _settle(
         before = poles
         poles, note = problem.admissible(roots_of(point.inner, alpha))
         if note and np.allclose(poles, before, rtol=1e-9):
-            status, why = _verdict(note), f"stands still: {note}"
+            status, why = status_at(note), f"stands still: {note}"
             break
     return _Settled(nuisances, point, status, why, tuple(passes))
-
-
-def _verdict(note: str) -> Status:
-    if not note or note == REFLECTED:
-        return Status.CONVERGED
-    return Status.AT_SAMPLING_LIMIT if note == TOO_FAST else Status.AT_STABILITY_LIMIT
 
 
 def _described(number: int, point: Point, step: Step, note: str) -> Pass:
