@@ -166,3 +166,9 @@ def levels(n_samples, hold=4, seed=1):
     """Random Gaussian levels, each held for ``hold`` samples."""
     values = np.random.default_rng(seed).standard_normal(-(-n_samples // hold))
     return np.repeat(values, hold)[:n_samples]
+
+
+def cramer_rao(sensitivities, noise_variance):
+    """Bound on the covariance: variance times ``(S' S)^-1``, by the triangle of ``S``."""
+    inverse = np.linalg.inv(np.linalg.qr(sensitivities, mode="r"))
+    return noise_variance * inverse @ inverse.T
