@@ -38,6 +38,7 @@ from tridentify.estimation.likelihood.nuisance import Nuisances, reference_of
 from tridentify.estimation.likelihood.scores import ScoreScatter
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.information import aicc_price
+from tridentify.numerics.least_squares import column_norms
 from tridentify.numerics.realization import numerators
 from tridentify.record.record import Record
 
@@ -213,8 +214,7 @@ def spread_of(reached: ConstrainedEnd, noise: Array) -> ConstrainedSpread:
     held = known.prior_rows(free, here.theta)[0]
     held = np.pad(held, ((0, 0), (0, matrix.shape[1] - free.shape[1])))
     matrix = np.vstack([matrix, held])
-    norms = np.sqrt(np.einsum("ij,ij->j", matrix, matrix))
-    norms = np.where(norms > 0, norms, 1.0)
+    norms = column_norms(matrix)
     _, s, vt = np.linalg.svd(matrix / norms, full_matrices=False)
     condition = float(s[0] / s[-1]) if s.size and s[-1] > 0 else np.inf
     root = (vt.T / np.where(s > 0, s, np.inf)) / norms[:, None]

@@ -82,7 +82,7 @@ from tridentify.estimation.methods.filtered.svf_instrumental_variable import ins
 from tridentify.estimation.methods.filtered.svf_least_squares import least_squares
 from tridentify.models.regression import Regression, regress
 from tridentify.numerics.arrays import Array, Complex
-from tridentify.numerics.least_squares import solve
+from tridentify.numerics.least_squares import column_norms, solve
 from tridentify.numerics.realization import Cascade, cascade, denominator, roots_of
 from tridentify.record.record import Record
 from tridentify.structure import Structure
@@ -328,8 +328,7 @@ def _instrumental_step(
         states.append(w * np.vstack(filtered[i]))
         residual.append(w * fit.residual)
     s = np.vstack(scores)
-    norms = np.linalg.norm(s, axis=0)
-    basis = np.linalg.qr(s / np.where(norms > 0, norms, 1.0))[0]
+    basis = np.linalg.qr(s / column_norms(s))[0]
     found = solve(basis.T @ np.vstack(states), -(basis.T @ np.concatenate(residual)))
     return found.x, float(np.linalg.norm(s @ found.x)), found.condition
 
