@@ -2,7 +2,8 @@
 
 Each knows one thing only: from rest, simple poles away from zero (`by_modes`); companion form and
 one matrix exponential, held or joined input, any initial state (`by_exponential`); an integrator of
-ordinary differential equations, any input over time, feedback too (`by_integration`).
+ordinary differential equations, any input over time, feedback too (`by_integration`). And the
+inputs that drive them: `register`, `binary`, `levels`.
 """
 
 from __future__ import annotations
@@ -145,3 +146,29 @@ def moving_noise_loop(pole, gains, r, noise, dt):
         for v in row:
             state = whole @ np.array([*state, wanted, v])
     return u, y
+
+
+def register(stages, taps, length, hold):
+    """Levels +-1 of a shift register with feedback from two of its stages."""
+    bits, out = [1] * stages, []
+    for _ in range(-(-length // hold)):
+        out.append(2.0 * bits[-1] - 1.0)
+        bits = [bits[taps[0] - 1] ^ bits[taps[1] - 1], *bits[:-1]]
+    return np.repeat(out, hold)[:length]
+
+
+def binary(n_samples=400, hold=6, seed=1):
+    """Random levels +-1, each held for ``hold`` samples."""
+    return np.sign(levels(n_samples, hold, seed))
+
+
+def levels(n_samples, hold=4, seed=1):
+    """Random Gaussian levels, each held for ``hold`` samples."""
+    values = np.random.default_rng(seed).standard_normal(-(-n_samples // hold))
+    return np.repeat(values, hold)[:n_samples]
+
+
+def cramer_rao(sensitivities, noise_variance):
+    """Bound on the covariance: variance times ``(S' S)^-1``, by the triangle of ``S``."""
+    inverse = np.linalg.inv(np.linalg.qr(sensitivities, mode="r"))
+    return noise_variance * inverse @ inverse.T

@@ -13,7 +13,7 @@ import pytest
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
-from oracles import by_modes
+from oracles import by_modes, register
 from tridentify import Record, Status, Structure, ThreeModel, identify
 from tridentify import errors as err
 from tridentify.models.operators import AllPass, Laguerre, apply_operators
@@ -35,15 +35,6 @@ def bound(theta, n, u, dt, sigma):
         columns.append(difference / (2.0 * step[k]))
     scores = np.stack(columns, axis=1)
     return sigma * np.sqrt(np.diag(np.linalg.inv(scores.T @ scores)))
-
-
-def register(stages, taps, length, hold):
-    """Levels +-1 of a shift register with feedback from two of its stages."""
-    bits, out = [1] * stages, []
-    for _ in range(-(-length // hold)):
-        out.append(2.0 * bits[-1] - 1.0)
-        bits = [bits[taps[0] - 1] ^ bits[taps[1] - 1], *bits[:-1]]
-    return np.repeat(out, hold)[:length]
 
 
 def with_noise(theta, n, u, dt, snr, seed):

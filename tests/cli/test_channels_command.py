@@ -67,7 +67,7 @@ def test_what_is_missing_uneven_or_no_number_is_told(run, tmp_path: Path) -> Non
 def test_what_there_was_no_time_for_is_told(run, tmp_path: Path, monkeypatch) -> None:
     path = tmp_path / "run.csv"
     path.write_text("t,mode,u\n0,auto,1\n1,man,2\n")
-    monkeypatch.setattr(summary.channel_summaries, "__defaults__", (-1.0,))
+    monkeypatch.setattr(summary, "PATIENCE", -1.0)
     rows = [line.split() for line in run("channels", path).out.splitlines()]
     assert ["u", "not", "read"] in rows
     assert "2 samples, 0 to 1 s" in run("channels", path).out

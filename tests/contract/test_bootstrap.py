@@ -17,7 +17,7 @@ import pytest
 from scipy.signal import lfilter
 from scipy.signal import step as step_response
 
-from oracles import by_exponential
+from oracles import binary, by_exponential
 from tridentify import (
     Estimate,
     OutputError,
@@ -52,11 +52,6 @@ N_DRAWS = 60
 
 def respond(theta, u, dt=DT):
     return by_exponential(theta[2:], np.append(1.0, theta[:2]), u, dt)
-
-
-def binary(n_samples, hold=6, seed=1):
-    signs = np.sign(np.random.default_rng(seed).standard_normal(-(-n_samples // hold)))
-    return np.repeat(signs, hold)[:n_samples]
 
 
 def short_period(noise=0.1, seed=0, n_samples=250):

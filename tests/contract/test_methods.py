@@ -16,7 +16,7 @@ import re
 import numpy as np
 import pytest
 
-from oracles import by_exponential
+from oracles import binary, by_exponential
 from tridentify import (
     METHODS,
     DataError,
@@ -66,11 +66,6 @@ def test_every_method_says_what_it_promises(key):
 
 def respond(num, den, u, dt=DT, initial=None):
     return by_exponential(num, den, u, dt, initial=initial)
-
-
-def binary(n_samples=400, hold=6, seed=1):
-    signs = np.sign(np.random.default_rng(seed).standard_normal(-(-n_samples // hold)))
-    return np.repeat(signs, hold)[:n_samples]
 
 
 def short_period(noise=0.03, seed=0, n_samples=400):

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from oracles import by_exponential
+from oracles import binary, by_exponential
 from tridentify import Estimate, Record, Structure, ThreeModel, TridentifyError, identify
 from tridentify import errors as err
 
@@ -34,11 +34,6 @@ pytestmark = pytest.mark.unjudged
 
 def respond(theta, u, dt=DT, intersample="zoh"):
     return by_exponential(theta[2:], np.append(1.0, theta[:2]), u, dt, intersample)
-
-
-def binary(n_samples, hold=6, seed=1):
-    signs = np.sign(np.random.default_rng(seed).standard_normal(-(-n_samples // hold)))
-    return np.repeat(signs, hold)[:n_samples]
 
 
 def noise_of(d, n_samples, rng, c=(1.0,)):

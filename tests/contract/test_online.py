@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
+from oracles import levels
 from tridentify import (
     Estimate,
     IdentifiabilityError,
@@ -40,11 +41,6 @@ METHODS = {
 # Largest relative error without noise. What filters the sampled output joins it by straight lines,
 # an error of order dt^2; a gradient needs time (test_gradient_comes_to_the_truth).
 EXACT = {"three-model": 1e-6, "least squares": 0.03, "kalman": 0.03, "gradient": math.inf}
-
-
-def levels(n_samples, hold, seed):
-    values = np.random.default_rng(seed).standard_normal(-(-n_samples // hold))
-    return np.repeat(values, hold)[:n_samples]
 
 
 def second_order(seconds):

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from oracles import levels
 from tridentify import Record, Structure, TransferFunction, identify, online, simulate
 from tridentify.errors import TridentifyError
 
@@ -47,11 +48,6 @@ NEAR = {"three-model": 0.08, "least squares": 0.2, "kalman": 0.2, "gradient": 0.
 EVERY = 20.0
 """Seconds between the points of a run; each costs an estimate."""
 every_method = pytest.mark.parametrize("key", list(PLAIN), ids=str)
-
-
-def levels(n_samples, hold=4, seed=1):
-    values = np.random.default_rng(seed).standard_normal(-(-n_samples // hold))
-    return np.repeat(values, hold)[:n_samples]
 
 
 def signals(n_samples=6000, noise=0.05, seed=1, model=PLANT, u=None):

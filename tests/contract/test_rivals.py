@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 from scipy.signal import fftconvolve
 
 import tridentify
-from oracles import by_exponential
+from oracles import binary, by_exponential
 from tridentify import Record, Status, Structure, TransferFunction, TridentifyError, identify
 from tridentify import errors as err
 
@@ -47,11 +47,6 @@ def make(name, *args, **options):
 
 def respond(num, den, u, dt=DT, intersample="zoh"):
     return by_exponential(num, den, u, dt, intersample)
-
-
-def binary(n_samples=400, hold=6, seed=1):
-    signs = np.sign(np.random.default_rng(seed).standard_normal(-(-n_samples // hold)))
-    return np.repeat(signs, hold)[:n_samples]
 
 
 def noisy(clean, noise, seed=0):

@@ -11,6 +11,7 @@ import pytest
 from scipy.linalg import expm
 from scipy.signal import dlsim
 
+from oracles import levels
 from tridentify import (
     Record,
     Structure,
@@ -81,9 +82,6 @@ def dense(record, structure, c, forgetting=1.0):
 
 
 # -------------------------------------------------------------------------------- records
-def levels(n_samples, hold, seed):
-    values = np.random.default_rng(seed).standard_normal(-(-n_samples // hold))
-    return np.repeat(values, hold)[:n_samples]
 
 
 SYSTEMS = {

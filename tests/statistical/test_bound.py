@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from oracles import by_modes
+from oracles import by_modes, register
 from tridentify import IdentifiabilityError, Record, Structure, ThreeModel, identify
 
 DRAWS = 240
@@ -29,15 +29,6 @@ def scores(theta, n, u, dt):
         difference = respond(theta + step, n, u, dt) - respond(theta - step, n, u, dt)
         columns.append(difference / (2.0 * step[k]))
     return np.stack(columns, axis=1)
-
-
-def register(stages, taps, length, hold):
-    """Levels +-1 of a shift register with feedback from two of its stages."""
-    bits, out = [1] * stages, []
-    for _ in range(-(-length // hold)):
-        out.append(2.0 * bits[-1] - 1.0)
-        bits = [bits[taps[0] - 1] ^ bits[taps[1] - 1], *bits[:-1]]
-    return np.repeat(out, hold)[:length]
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from oracles import by_modes
+from oracles import by_modes, register
 from tridentify import (
     Record,
     Structure,
@@ -26,15 +26,6 @@ FREE = (("offset", True), ("initial_state", "free"))
 
 def respond(theta, n, u, dt):
     return by_modes(theta[n:], np.append(1.0, theta[:n]), u, dt)
-
-
-def register(stages, taps, length, hold):
-    """Levels +-1 of a shift register with feedback from two of its stages."""
-    bits, out = [1] * stages, []
-    for _ in range(-(-length // hold)):
-        out.append(2.0 * bits[-1] - 1.0)
-        bits = [bits[taps[0] - 1] ^ bits[taps[1] - 1], *bits[:-1]]
-    return np.repeat(out, hold)[:length]
 
 
 @dataclass(frozen=True)

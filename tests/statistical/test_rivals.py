@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from oracles import by_exponential
+from oracles import by_exponential, register
 from tridentify import (
     BiasCompensatedLeastSquares,
     OutputError,
@@ -68,15 +68,6 @@ def spread_of_white_weights(theta, n, u, dt, sigma, d):
     # what e has done before the record lasts into it
     back = np.pad(sums[:, ::-1], ((0, 0), (0, 1000)))
     return sigma * np.linalg.norm(lfilter([1.0], d, back, axis=1), axis=1)
-
-
-def register(stages, taps, length, hold):
-    """Levels +-1 of a shift register with feedback from two of its stages."""
-    bits, out = [1] * stages, []
-    for _ in range(-(-length // hold)):
-        out.append(2.0 * bits[-1] - 1.0)
-        bits = [bits[taps[0] - 1] ^ bits[taps[1] - 1], *bits[:-1]]
-    return np.repeat(out, hold)[:length]
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from oracles import register
 from tridentify import (
     BiasCompensatedLeastSquares,
     Record,
@@ -30,15 +31,6 @@ TRUTH = np.array([4.0, 3.0, 3.0])
 AT_REST = Structure(2, 0, offset=False, initial_state="rest")
 FILTER = (1.0, 8.0, 16.0)
 DT = 0.05
-
-
-def register(stages, taps, length, hold):
-    """Levels +-1 of a shift register with feedback from two of its stages."""
-    bits, out = [1] * stages, []
-    for _ in range(-(-length // hold)):
-        out.append(2.0 * bits[-1] - 1.0)
-        bits = [bits[taps[0] - 1] ^ bits[taps[1] - 1], *bits[:-1]]
-    return np.repeat(out, hold)[:length]
 
 
 PRBS = register(7, (7, 6), 1016, 8)

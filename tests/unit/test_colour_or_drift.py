@@ -26,6 +26,11 @@ def first_and_all(seed: int, n: int, root: float, ramp: float) -> tuple[str, lis
     return (found[0] if found else ""), found
 
 
+def test_a_short_record_tells_a_ramp_from_noise_that_forgets_slowly() -> None:
+    assert first_and_all(1, 200, 0.0, 0.7)[0] == "drift"
+    assert first_and_all(2, 200, 0.9, 0.0) == ("noise-model", ["noise-model"])
+
+
 @pytest.mark.slow
 def test_a_ramp_is_a_drift_and_colour_stays_told() -> None:
     first, found = first_and_all(1, 500, 0.0, 0.5)

@@ -114,7 +114,7 @@ def test_too_few_units_are_refused() -> None:
 def test_a_fleet_too_small_for_a_population_keeps_its_rows_and_says_why(tmp_path: Path) -> None:
     random = np.random.default_rng(3)
     units = {str(k): fleets.unit(random, fleets.TRUTH, n=80, noise=0.2) for k in range(3)}
-    found = fleet.fit(units, REST, out=tmp_path, together=True, pool=True)
+    found = fleet.fit(units, REST, out=tmp_path, together=True, pool=True, judge=False)
     assert found.common is not None
     assert found.population is None
     assert found.rows().height == 3

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import gc
+import pickle
+import weakref
+
 import numpy as np
 import pytest
 
@@ -87,3 +91,16 @@ def test_what_answers_plainly_is_no_noise_by_both_fits_either(noise, answers):
     assert fitted is not None
     assert not (plain and _is_noise(fitted))
     assert plain == answers
+
+
+def test_what_was_worked_out_of_an_estimate_goes_with_it():
+    record = recorded(4, 0.05)
+    estimate = search(record, ASKED).judged()
+    point = weakref.ref(point_of(estimate, [record], stated(estimate)))
+    copied = pickle.loads(pickle.dumps(estimate))
+    assert copied.names == estimate.names
+    assert point_of(copied, [record], stated(copied)) is not point()
+    assert point() is not None
+    del estimate
+    gc.collect()
+    assert point() is None

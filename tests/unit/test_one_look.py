@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tridentify import Record, Structure, TransferFunction, identify, simulate
-from tridentify.judgement.validation import assess, remembered
+from tridentify.judgement.validation import assess
 
 
 def test_an_identification_takes_one_look_and_another_record_gets_its_own(monkeypatch):
@@ -25,4 +25,3 @@ def test_an_identification_takes_one_look_and_another_record_gets_its_own(monkey
     assert len(taken) == 2
     assert again is assess.own_look(estimate, records[1:])
     assert again is not assess.own_look(estimate, records[:1])
-    assert len(remembered._looks) == 1

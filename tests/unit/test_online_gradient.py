@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.signal
 
+from oracles import levels
 from tridentify import (
     Record,
     Structure,
@@ -27,11 +28,6 @@ DT = 0.05
 ASKED = Structure(2, 1, offset=False, initial_state="rest")
 PLANT = TransferFunction([0.2, 0.5], [1.0, 1.0, 3.0])
 TRUTH = np.array([1.0, 3.0, 0.2, 0.5])
-
-
-def levels(n_samples, hold=4, seed=1):
-    values = np.random.default_rng(seed).standard_normal(-(-n_samples // hold))
-    return np.repeat(values, hold)[:n_samples]
 
 
 def recorded(n_samples, noise=0.0, seed=1, plant=PLANT, dt=DT, hold=4):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from oracles import cramer_rao, register
 from tridentify import (
     OutputError,
     Record,
@@ -17,22 +18,13 @@ from tridentify import (
     simulate,
 )
 from tridentify import errors as err
-from tridentify.studies.cramer_rao import cramer_rao_covariance, output_sensitivities
+from tridentify.studies.cramer_rao import output_sensitivities
 
 pytestmark = pytest.mark.unjudged
 
 PLANT = TransferFunction([3.0], [1.0, 4.0, 3.0])
 AT_REST = Structure(2, 0, offset=False, initial_state="rest")
 DT = 0.05
-
-
-def register(stages, taps, length, hold):
-    """Levels +-1 of a shift register with feedback from two of its stages."""
-    bits, out = [1] * stages, []
-    for _ in range(-(-length // hold)):
-        out.append(2.0 * bits[-1] - 1.0)
-        bits = [bits[taps[0] - 1] ^ bits[taps[1] - 1], *bits[:-1]]
-    return np.repeat(out, hold)[:length]
 
 
 PRBS = register(7, (7, 6), 1016, 8)
@@ -185,7 +177,7 @@ def test_spread_reaches_the_bound():
     sigma = np.std(clean) * 10 ** (-10 / 20)
     truth = np.array([4.0, 3.0, 3.0])
     columns = output_sensitivities(PLANT, PRBS, DT)
-    bound = np.sqrt(np.diag(cramer_rao_covariance(columns, sigma**2)))
+    bound = np.sqrt(np.diag(cramer_rao(columns, sigma**2)))
     values, errors = np.empty((2, draws, 3))
     for k in range(draws):
         estimate = identify(noisy(PLANT, PRBS, 10, 1000 + k), AT_REST, OutputError())

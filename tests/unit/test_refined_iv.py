@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
+from oracles import register
 from tridentify import (
     OutputError,
     Record,
@@ -235,13 +236,6 @@ def test_missing_outputs_are_refused():
 
 
 # ------------------------------------------------------------------------------------ many draws
-def register(stages, taps, length, hold):
-    """Levels +-1 of a shift register with feedback from two of its stages."""
-    bits, out = [1] * stages, []
-    for _ in range(-(-length // hold)):
-        out.append(2.0 * bits[-1] - 1.0)
-        bits = [bits[taps[0] - 1] ^ bits[taps[1] - 1], *bits[:-1]]
-    return np.repeat(out, hold)[:length]
 
 
 BENCHMARKS = {

@@ -18,13 +18,22 @@ from tridentify.estimation.methods.output_error import OutputError
 from tridentify.estimation.methods.passes import apart, model_like, root, without_rest
 from tridentify.estimation.methods.reference import Loop
 from tridentify.estimation.methods.returned_errors import (
+    _back,
     _no_less,
     _sparing,
-    returned,
+    _tables,
     with_returned_errors,
 )
 
 N, DT = 800, 0.1
+
+
+def returned(found):
+    """``(Z' T)^{-1} Z' Z`` of the free coefficients, and the same without what returns."""
+    free = np.flatnonzero(found.estimate.std > 0)
+    return _back(_tables(found, free), free)[:2]
+
+
 CHANNEL = ([1.0, 1.0], [1.0, 0.5, 1.0])
 PI = (np.zeros((1, 1)), np.ones(1), np.array([15.0]), 10.0)
 SLOW = (np.zeros((1, 1)), np.ones(1), np.array([0.3]), 0.2)

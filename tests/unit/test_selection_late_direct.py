@@ -7,6 +7,7 @@ from tridentify import Record, Structure, TransferFunction, identify, select_str
 from tridentify.judgement.selection.late import direct_and_delayed
 from tridentify.judgement.selection.result import SelectionRow
 
+pytestmark = pytest.mark.unjudged
 RATE = 2000.0
 
 
@@ -40,7 +41,6 @@ def test_it_is_tried_with_its_delay_where_nothing_explains_the_record() -> None:
     assert [one.delay for one in found] == pytest.approx([14 / RATE] * 2)
 
 
-@pytest.mark.slow
 def test_a_delay_alone_is_none() -> None:
     seen = record(2, 400, 9, direct=False)
     assert direct_and_delayed(rows(seen), 1, [seen]) == []

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
+from oracles import register
 from tridentify import (
     Record,
     Status,
@@ -300,13 +301,6 @@ def test_inputs_in_step_are_refused(method):
 
 
 # ------------------------------------------------------------------------------------ many draws
-def register(stages, taps, length, hold):
-    """Levels +-1 of a shift register with feedback from two of its stages."""
-    bits, out = [1] * stages, []
-    for _ in range(-(-length // hold)):
-        out.append(2.0 * bits[-1] - 1.0)
-        bits = [bits[taps[0] - 1] ^ bits[taps[1] - 1], *bits[:-1]]
-    return np.repeat(out, hold)[:length]
 
 
 @pytest.fixture(scope="module")

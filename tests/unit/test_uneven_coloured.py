@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tridentify import Record, Structure, TransferFunction, identify, simulate, validate
+from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, simulate, validate
 
 
 def jittered(seed: int) -> Record:
@@ -17,6 +17,10 @@ def jittered(seed: int) -> Record:
     for k, e in enumerate(rng.standard_normal(n)):
         noise[k] = 0.9 * noise[k - 1] + e
     return Record(u, y + 0.1 * noise / np.std(noise), t=t)
+
+
+def test_the_errors_come_from_the_scores() -> None:
+    assert ThreeModel().estimate([jittered(0)], Structure(2, 0)).errors == "scores"
 
 
 @pytest.mark.parametrize("seed", [0, 2])

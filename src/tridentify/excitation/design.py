@@ -39,6 +39,12 @@ from tridentify.numerics.arrays import Array
 
 Criterion = Literal["A", "D"]
 
+TOLERANCE = 1e-3
+"""Of the efficiency: a design that reaches all but this share of the best is taken."""
+
+MOST = 20_000
+"""Iterations."""
+
 NEGLIGIBLE = 1e-12
 """Share of the largest power below which a line adds rounding to the information."""
 
@@ -97,29 +103,21 @@ class Design:
         the determinants.
     slopes : (n_points,) array
         Over their mean by input: at most one for lines of an optimal design.
-    iterations : int
     """
 
     power: Array
     value: float
     efficiency: float
     slopes: Array
-    iterations: int
 
 
-def best_powers(
-    lines: SpectralLines, criterion: Criterion, tolerance: float = 1e-3, most: int = 20_000
-) -> Design:
+def best_powers(lines: SpectralLines, criterion: Criterion) -> Design:
     """Powers that are optimal to within a tolerance.
 
     Parameters
     ----------
     lines : SpectralLines
     criterion : {"A", "D"}
-    tolerance : float
-        Of the efficiency: stop when at least ``1 - tolerance`` is reached.
-    most : int
-        Iterations.
 
     Returns
     -------
@@ -146,7 +144,7 @@ def best_powers(
         power[own] = 1.0 / own.sum()
     rate = 0.5 if criterion == "A" else 1.0
     n_wanted = lines.wanted.shape[1]
-    for iteration in range(1, most + 1):  # noqa: B007
+    for _ in range(MOST):
         value, slopes = _slopes(lines, power, criterion)
         mean = np.array([power[own] @ slopes[own] for own in members])
         top = float(sum(np.max(slopes[own]) for own in members))
@@ -154,13 +152,13 @@ def best_powers(
             efficiency = max(2.0 - top / value, 0.0)
         else:
             efficiency = float(np.exp(-(top - n_wanted) / n_wanted))
-        if efficiency >= 1.0 - tolerance:
+        if efficiency >= 1.0 - TOLERANCE:
             break
         power = power * slopes**rate
         for own in members:
             power[own] /= power[own].sum()
     relative = slopes / np.where(mean > 0, mean, 1.0)[owner]
-    return Design(power, value, efficiency, relative, iteration)
+    return Design(power, value, efficiency, relative)
 
 
 def _slopes(lines: SpectralLines, power: Array, criterion: Criterion) -> tuple[float, Array]:

@@ -31,7 +31,7 @@ from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidat
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.least_squares import triangle
+from tridentify.numerics.least_squares import column_norms, triangle
 from tridentify.physical.model import model_of
 from tridentify.record.record import Record
 from tridentify.structure import Structure
@@ -71,8 +71,7 @@ class Information:
     def root(self, scale: float = 1.0) -> Array:
         """(p, k) factor of the covariance."""
         rows = np.vstack([scale * self.factor, self.held])
-        norms = np.sqrt(np.einsum("ij,ij->j", rows, rows))
-        norms = np.where(norms > 0, norms, 1.0)
+        norms = column_norms(rows)
         _, s, vt = np.linalg.svd(rows / norms, full_matrices=False)
         if s.size < norms.size or not s[-1] * SINGULAR > s[0]:
             raise UndeterminedError(

@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 from tridentify.errors import TooFewSamplesError
 from tridentify.fleet.local import Piece
 from tridentify.numerics.arrays import Array
-from tridentify.writing.layout import format_table
+from tridentify.writing.layout import first_of, format_table
 
 FALSE_ALARMS = 0.002
 """Share of sound units that are said to deviate: two in a thousand, well below the 0.5 % at which a
@@ -152,10 +152,9 @@ class Pool:
 
     def summary(self) -> str:
         """Text for people."""
-        found = ", ".join(self.outliers[:MOST_SHOWN])
-        more = f" and {len(self.outliers) - MOST_SHOWN} more" * (len(self.outliers) > MOST_SHOWN)
+        found = first_of(self.outliers, MOST_SHOWN)
         told = f"{len(self.outliers)} of {len(self.keys)} units deviate"
-        head = f"population: {told}{': ' if found else ''}{found}{more}"
+        head = f"population: {told}{': ' if found else ''}{found}"
         return "\n".join(
             [head, "", *format_table(("coefficient", "centre", "spread"), self.table())]
         )

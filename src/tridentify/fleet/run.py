@@ -38,7 +38,7 @@ from tridentify.record.formats.assemble import Wanted
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 from tridentify.writing.files import write_atomically
-from tridentify.writing.layout import format_table, format_value
+from tridentify.writing.layout import first_of, format_table, format_value
 from tridentify.writing.lock import alone_in
 from tridentify.writing.views import FleetViews, pandas_frame
 
@@ -475,7 +475,5 @@ def wide(rows: Any) -> dict[str, Any]:
 
 
 def _counted(title: str, found: Sequence[str]) -> list[str]:
-    counts = Counter(found).most_common()
-    told = ", ".join(f"{name} {count}" for name, count in counts[:MOST_CAUSES])
-    more = f" and {len(counts) - MOST_CAUSES} more kinds" if len(counts) > MOST_CAUSES else ""
-    return [f"{title}: {told}{more}"] if counts else []
+    counts = [f"{name} {count}" for name, count in Counter(found).most_common()]
+    return [f"{title}: {first_of(counts, MOST_CAUSES, 'more kinds')}"] if counts else []

@@ -21,6 +21,63 @@ from tridentify.numerics.kernels.small_least_squares import solve_small
 
 
 @compiled(
+    "(float64[:,:,::1], int64[:,::1], float64[:,:,::1], int64, int64, boolean, int64[::1],"
+    " int64[::1], int64[::1], int64[:,::1], int64, boolean)",
+    inner=True,
+)
+def parallel_columns(
+    stack: Array,
+    which: Indices,
+    targets: Array,
+    i: int,
+    first_input: int,
+    free: bool,
+    nuisance: Indices,
+    widths: Indices,
+    tops: Indices,
+    group: Indices,
+    q: int,
+    biproper: bool,
+) -> tuple[Array, Array, int, int]:
+    """Columns and target of an output; how many unknowns all experiments share, and each has."""
+    n_experiments, height = which.shape[0], targets.shape[2]
+    n_inputs, n_groups = group.shape[1], widths.size
+    first_direct, extra = q * (n_inputs + first_input), 1 if biproper else 0
+    shared, local = 0, nuisance.size
+    for j in range(n_inputs):
+        shared += widths[group[i, j]] + extra
+    for g in range(n_groups):
+        if free and leads_to(group, i, g):
+            local += widths[g]
+    matrix = np.zeros((n_experiments * height, shared + n_experiments * local))
+    target = np.empty(n_experiments * height)
+    for e in range(n_experiments):
+        s, top, at = stack[which[e, i]], e * height, shared + e * local
+        place = 0
+        for r in range(height):
+            target[top + r] = targets[e, i, r]
+        for j in range(n_inputs):
+            g = group[i, j]
+            column, width = q * (j + first_input) + tops[g], widths[g]
+            for r in range(height):
+                for k in range(width):
+                    matrix[top + r, place + k] = s[r, column + k]
+                if biproper:
+                    matrix[top + r, place + width] = s[r, first_direct + j]
+            place += width + extra
+        for g in range(n_groups):
+            if free and leads_to(group, i, g):
+                for k in range(widths[g]):
+                    for r in range(height):
+                        matrix[top + r, at] = s[r, tops[g] + k]
+                    at += 1
+        for k in range(nuisance.size):
+            for r in range(height):
+                matrix[top + r, at + k] = s[r, nuisance[k]]
+    return matrix, target, shared, local
+
+
+@compiled(
     "(float64[:,:,::1], int64[:,::1], float64[:,:,::1], int64, boolean, int64[::1], int64[::1],"
     " int64[::1], int64[:,::1], int64, boolean)",
     inner=True,
@@ -51,46 +108,17 @@ def parallel_fit(
     costs : (n_outputs,) array
     condition : float
     """
-    n_experiments, n_outputs, height = targets.shape
-    n_inputs, n_groups = group.shape[1], widths.size
-    first_direct, extra = q * (n_inputs + first_input), 1 if biproper else 0
+    n_experiments, n_outputs = which.shape
+    n_inputs, n_groups, extra = group.shape[1], widths.size, 1 if biproper else 0
     places = np.cumsum(widths) - widths
     beta = np.zeros((n_outputs, n_inputs, widths.sum() + extra))
     rows, direct = np.zeros((n_outputs, n_inputs, q)), np.zeros((n_outputs, n_inputs))
     started = np.zeros((n_experiments, n_outputs, q))
     costs, condition = np.zeros(n_outputs), 1.0
     for i in range(n_outputs):
-        shared, local = 0, nuisance.size
-        for j in range(n_inputs):
-            shared += widths[group[i, j]] + extra
-        for g in range(n_groups):
-            if free and leads_to(group, i, g):
-                local += widths[g]
-        matrix = np.zeros((n_experiments * height, shared + n_experiments * local))
-        target = np.empty(n_experiments * height)
-        for e in range(n_experiments):
-            s, top, at = stack[which[e, i]], e * height, shared + e * local
-            place = 0
-            for r in range(height):
-                target[top + r] = targets[e, i, r]
-            for j in range(n_inputs):
-                g = group[i, j]
-                column, width = q * (j + first_input) + tops[g], widths[g]
-                for r in range(height):
-                    for k in range(width):
-                        matrix[top + r, place + k] = s[r, column + k]
-                    if biproper:
-                        matrix[top + r, place + width] = s[r, first_direct + j]
-                place += width + extra
-            for g in range(n_groups):
-                if free and leads_to(group, i, g):
-                    for k in range(widths[g]):
-                        for r in range(height):
-                            matrix[top + r, at] = s[r, tops[g] + k]
-                        at += 1
-            for k in range(nuisance.size):
-                for r in range(height):
-                    matrix[top + r, at + k] = s[r, nuisance[k]]
+        matrix, target, shared, local = parallel_columns(
+            stack, which, targets, i, first_input, free, nuisance, widths, tops, group, q, biproper
+        )
         x, cost, own, _, _ = solve_small(matrix, target)
         costs[i], condition = cost, max(condition, own)
         place = 0
@@ -146,6 +174,38 @@ def expanded_numerators(
                     found[place + k] += x[n_poles + place + n] * whole[k]
             place += m + 1
     return found
+
+
+@compiled(
+    "void(float64[:,::1], int64, boolean, float64[:,::1], float64[::1], float64[::1], float64,"
+    " float64[::1], int64)",
+    inner=True,
+    linked=True,
+)
+def put_output(
+    s: Array,
+    first_input: int,
+    free: bool,
+    rows: Array,
+    direct: Array,
+    started: Array,
+    sign: float,
+    target: Array,
+    top: int,
+) -> None:
+    """An output of Step 1 on a triangle, times a number, in its place of the target."""
+    n_inputs, q = rows.shape
+    first_direct = q * (n_inputs + first_input)
+    for r in range(s.shape[0]):
+        value = 0.0
+        for j in range(n_inputs):
+            value += direct[j] * s[r, first_direct + j]
+            for k in range(q):
+                value += rows[j, k] * s[r, q * (j + first_input) + k]
+        if free:
+            for k in range(q):
+                value += started[k] * s[r, k]
+        target[top + r] = sign * value
 
 
 @compiled(
@@ -220,16 +280,9 @@ def series_parallel_columns(
                     for r in range(height):
                         matrix[top + r, place + n] = -weights[i] * s[r, first_direct + j]
                 place += zeros[i, j] + 1
-            for r in range(height):
-                value = 0.0
-                for j in range(n_inputs):
-                    value += direct[i, j] * s[r, first_direct + j]
-                    for k in range(q):
-                        value += rows[i, j, k] * s[r, q * (j + first_input) + k]
-                if free:
-                    for k in range(q):
-                        value += started[e, i, k] * s[r, k]
-                target[top + r] = -weights[i] * value
+            put_output(
+                s, first_input, free, rows[i], direct[i], started[e, i], -weights[i], target, top
+            )
     return matrix, target
 
 

@@ -100,7 +100,7 @@ def quantum(values: Array, least: float = 0.0) -> float:
     return 0.0
 
 
-def within_a_step(values: Sequence[Array], residuals: Sequence[Array], part: float = 1.0) -> bool:
+def within_a_step(values: Sequence[Array], residuals: Sequence[Array]) -> bool:
     """Whether all that a response leaves is smaller than a step of the converter.
 
     Rounding alone leaves half of that, and nothing of single samples can be told from it.
@@ -109,8 +109,6 @@ def within_a_step(values: Sequence[Array], residuals: Sequence[Array], part: flo
     ----------
     values, residuals : sequence of (N,) arrays
         ``nan`` marks a missing sample.
-    part : float
-        Of the step.
 
     Examples
     --------
@@ -120,7 +118,7 @@ def within_a_step(values: Sequence[Array], residuals: Sequence[Array], part: flo
     (True, False)
     """
     return all(
-        0.0 < float(np.nanmax(np.abs(left), initial=0.0)) <= part * quantum(one)
+        0.0 < float(np.nanmax(np.abs(left), initial=0.0)) <= quantum(one)
         for one, left in zip(values, residuals, strict=True)
     )
 

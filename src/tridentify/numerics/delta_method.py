@@ -25,6 +25,7 @@ L. Ljung, *System Identification*, 2nd ed., sec. 9.4 (1999).
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -277,6 +278,43 @@ def confidence_ellipse(cov: Array, level: float = 0.95, n_points: int = 73) -> A
     return curve
 
 
+@dataclass(frozen=True, eq=False)
+class _Bank:
+    """``1 / a`` driven by the input, and once more by the output ``b / a u``."""
+
+    n: int
+    first: int
+    a: Array
+    matrix: Array
+    drive: Array
+    powers: Array
+    direct: float
+    output: Array
+
+    @classmethod
+    def of(
+        cls, num: npt.ArrayLike, den: npt.ArrayLike, realization: tuple[Array, Array, Array]
+    ) -> _Bank:
+        b, a = np.atleast_1d(np.asarray(num, float)), np.atleast_1d(np.asarray(den, float))
+        first = a.size - b.size
+        padded = np.pad(b, (first, 0))
+        output = (padded[1:] - padded[0] * a[1:]) @ realization[2]
+        return cls(a.size - 1, first, a[1:], *realization, padded[0], output)
+
+    @property
+    def both(self) -> Array:
+        below = [np.outer(self.drive, self.output), self.matrix]
+        return np.block([[self.matrix, np.zeros((self.n, self.n))], below])
+
+    @property
+    def inputs(self) -> Array:
+        return np.concatenate([self.drive, self.direct * self.drive])
+
+    def after_step(self, t: Array) -> Array:
+        """(n_times, 2 n) states after a unit step at time zero."""
+        return step_states(self.both[None], self.inputs[None], np.maximum(t, 0.0))[:, 0, :]
+
+
 def step_response(
     num: npt.ArrayLike,
     den: npt.ArrayLike,
@@ -313,22 +351,16 @@ def step_response(
     >>> response.round(4), jacobian[1, :2].round(4)  # 2 (1 - e^-t), -2 (1 - e^-t (1 + t)), 1 - e^-t
     (array([0.    , 1.2642]), array([-0.5285,  0.6321]))
     """
-    b_row, a_row = np.atleast_1d(np.asarray(num, float)), np.atleast_1d(np.asarray(den, float))
+    bank = _Bank.of(num, den, realization)
     t = np.atleast_1d(np.asarray(times, dtype=np.float64))
-    n, m = a_row.size - 1, b_row.size - 1
-    matrix, drive, powers = realization
-    padded = np.pad(b_row, (n - m, 0))
-    direct = padded[0]
-    output = (padded[1:] - direct * a_row[1:]) @ powers
-    both = np.block([[matrix, np.zeros((n, n))], [np.outer(drive, output), matrix]])
-    inputs = np.concatenate([drive, direct * drive])
+    n, matrix, drive, output, powers = bank.n, bank.matrix, bank.drive, bank.output, bank.powers
     started = (t >= 0).astype(np.float64)
-    states = step_states(both[None], inputs[None], np.maximum(t, 0.0))[:, 0, :]
-    response = states[:, :n] @ output + direct * started
+    states = bank.after_step(t)
+    response = states[:, :n] @ output + bank.direct * started
     by_a = -states[:, n:] @ powers.T
     by_b = states[:, :n] @ powers.T
-    highest = started[:, None] - by_b @ a_row[1:, None]  # p^n / a = 1 - sum a_k p^k / a
-    by_b = np.hstack([highest, by_b])[:, n - m :]
+    highest = started[:, None] - by_b @ bank.a[:, None]  # p^n / a = 1 - sum a_k p^k / a
+    by_b = np.hstack([highest, by_b])[:, bank.first :]
     slope = (states[:, :n] @ matrix.T + drive) @ output * started
     return response, np.hstack([by_a, by_b, -slope[:, None]])
 
@@ -364,21 +396,15 @@ def impulse_response(
     >>> response.round(4), jacobian[1, :2].round(4)  # 2 e^-t, -2 t e^-t, e^-t
     (array([2.    , 0.7358]), array([-0.7358,  0.3679]))
     """
-    b_row, a_row = np.atleast_1d(np.asarray(num, float)), np.atleast_1d(np.asarray(den, float))
+    bank = _Bank.of(num, den, realization)
     t = np.atleast_1d(np.asarray(times, dtype=np.float64))
-    n, m = a_row.size - 1, b_row.size - 1
-    matrix, drive, powers = realization
-    padded = np.pad(b_row, (n - m, 0))
-    direct = padded[0]
-    output = (padded[1:] - direct * a_row[1:]) @ powers
-    both = np.block([[matrix, np.zeros((n, n))], [np.outer(drive, output), matrix]])
-    inputs = np.concatenate([drive, direct * drive])
+    n, matrix, output, powers = bank.n, bank.matrix, bank.output, bank.powers
     started = (t >= 0).astype(np.float64)[:, None]
-    states = step_states(both[None], inputs[None], np.maximum(t, 0.0))[:, 0, :]
-    kicked = (states @ both.T + inputs) * started
+    kicked = (bank.after_step(t) @ bank.both.T + bank.inputs) * started
     response = kicked[:, :n] @ output
     by_a = -kicked[:, n:] @ powers.T
     by_b = kicked[:, :n] @ powers.T
-    by_b = np.hstack([-by_b @ a_row[1:, None], by_b])[:, n - m :]  # p^n / a = 1 - sum a_k p^k / a
+    highest = -by_b @ bank.a[:, None]  # p^n / a = 1 - sum a_k p^k / a
+    by_b = np.hstack([highest, by_b])[:, bank.first :]
     slope = kicked[:, :n] @ matrix.T @ output
     return response, np.hstack([by_a, by_b, -slope[:, None]])

@@ -109,7 +109,6 @@ def added_each(
     basis: Array,
     groups: Sequence[Array],
     n_samples: int,
-    cutoff: float = SPAN_CUTOFF,
 ) -> list[Added]:
     """`added` for each of several groups of columns by itself, without a basis of any.
 
@@ -124,8 +123,6 @@ def added_each(
     groups : sequence of (n, k) arrays
     n_samples : int
         Samples that are there.
-    cutoff : float
-        As for `span`.
 
     Examples
     --------
@@ -144,11 +141,11 @@ def added_each(
     columns[-1] = left
     # a bound on singular values is wrong by its rounding
     table = explained_each(
-        columns, np.ascontiguousarray(basis.T), firsts, (1.0 + ROUNDING) * cutoff
+        columns, np.ascontiguousarray(basis.T), firsts, (1.0 + ROUNDING) * SPAN_CUTOFF
     )
     for g in np.flatnonzero(table[:, 1] < 0.0).tolist():
         some = [one for one in columns[firsts[g] : firsts[g + 1]] if one.any()]
-        table[g] = _along(np.stack([*some, columns[-1]]).T, cutoff)
+        table[g] = _along(np.stack([*some, columns[-1]]).T, SPAN_CUTOFF)
     total = float(left @ left)
     found = [_judged(total, int(kept), p, part, n_samples) for part, kept in table.tolist()]
     asked = np.array([(one.dimension, one.freedom, one.statistic) for one in found])

@@ -138,6 +138,18 @@ CUTOFF = 1e-13
 hundreds of units of the last place."""
 
 
+def column_norms(matrix: Array) -> Array:
+    """Lengths of the columns, which are divided by them before they are solved for; 1 for none.
+
+    Examples
+    --------
+    >>> column_norms(np.array([[3.0, 0.0], [4.0, 0.0]])).tolist()
+    [5.0, 1.0]
+    """
+    norms = np.sqrt(np.einsum("ij,ij->j", matrix, matrix))
+    return np.where(norms > 0, norms, 1.0)
+
+
 def solve(matrix: Array, target: Array) -> Solution:
     """Least squares with unit columns, by SVD.
 
@@ -162,8 +174,7 @@ def solve(matrix: Array, target: Array) -> Solution:
     n = matrix.shape[1]
     if n == 0:
         return Solution(np.zeros(0), float(target @ target), 1.0, matrix)
-    norms = np.sqrt(np.einsum("ij,ij->j", matrix, matrix))
-    scale = np.where(norms > 0, norms, 1.0)
+    scale = column_norms(matrix)
     u, s, vt = np.linalg.svd(matrix / scale, full_matrices=False)
     keep = s > CUTOFF * s[0]
     projection = u.T @ target

@@ -198,7 +198,7 @@ def student_scale(r: Array, least: float) -> tuple[float, float]:
 
     def loss(log_degrees: float) -> float:
         degrees = math.exp(log_degrees)
-        scale = _student_scale(part, degrees, 1.0)
+        scale = _student_scale(part, degrees)
         terms = float(np.log1p((part / scale) ** 2 / degrees).mean())
         constant = gammaln(0.5 * (degrees + 1.0)) - gammaln(0.5 * degrees)
         normed = constant - 0.5 * log_degrees - math.log(scale)
@@ -210,12 +210,12 @@ def student_scale(r: Array, least: float) -> tuple[float, float]:
 
     found = minimize_scalar(loss, bounds=ends, method="bounded", options={"xatol": 1e-6})
     degrees = math.exp(min([float(found.x), *ends], key=loss))
-    return max(start * _student_scale(r / start, degrees, 1.0), least), degrees
+    return max(start * _student_scale(r / start, degrees), least), degrees
 
 
-def _student_scale(r: Array, degrees: float, scale: float) -> float:
+def _student_scale(r: Array, degrees: float) -> float:
     """The EM algorithm's fixed point for the scale, each step extrapolated by its known rate."""
-    squares = r * r
+    squares, scale = r * r, 1.0
     for _ in range(ROUNDS):
         before = scale
         weighted = float(((degrees + 1.0) * squares / (degrees * scale**2 + squares)).mean())

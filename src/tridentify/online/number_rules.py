@@ -21,7 +21,7 @@ HUGE = 1e250
 
 
 ALARM_LASTS = 200.0
-"""Samples; the longest of the estimators."""
+"""Samples for which a change is told, long enough to be seen on a slow display."""
 
 
 EVERY_FLAG = 2 * slots.NOT_READY - 1

@@ -11,6 +11,7 @@ from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.online.estimator import Estimator
 from tridentify.online.kernels import gradient_slots, slots
 from tridentify.online.layout import CHUNK, Blueprint, Setting, Stage, collecting, fresh, watch_of
+from tridentify.online.number_rules import ALARM_LASTS
 from tridentify.online.search import first_try, next_try, record_of
 from tridentify.online.state import State
 from tridentify.online.task import Task
@@ -139,9 +140,9 @@ def roomed(state: State, keep: bool, past: tuple[Array, ...]) -> State:
     return State(x, stage.but(blueprint=room, past=past))
 
 
-def told_changed(x: Array, lasts: int) -> None:
-    """The coefficients have moved: it is told for so many samples."""
-    x[slots.ALARM] = x[slots.COUNT] + lasts
+def told_changed(x: Array) -> None:
+    """The coefficients have moved: it is told for `ALARM_LASTS` samples."""
+    x[slots.ALARM] = x[slots.COUNT] + ALARM_LASTS
     x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.CHANGED)
 
 

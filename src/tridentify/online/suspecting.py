@@ -158,7 +158,6 @@ def _model_of(setting: Setting, samples: Array, begun_anew: bool) -> Slices[_Mod
 
 
 MOST_KEPT = 2000  # samples: what a search of bounded slices can take
-ALARM_LASTS = 200  # samples
 
 
 class Suspecting(Estimator):
@@ -313,7 +312,7 @@ class Suspecting(Estimator):
             state = self.begun_again(state, verdict.found, samples)
             arrays = (*state.stage.extra[: self.own_arrays], *packed(verdict.after))
             state = State(state.values, state.stage.but(extra=arrays))
-        told_changed(state.values, ALARM_LASTS)
+        told_changed(state.values)
         return state
 
     def _dropped(self, state: State, witness: Old | None) -> State:

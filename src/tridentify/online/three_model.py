@@ -102,8 +102,6 @@ LEAST_SAMPLES = 100
 LOOKS = 3
 """Looks that the slow clock asks for one after the other: one alone may fall into a burst of
 noise."""
-ALARM_LASTS = 200
-"""Samples for which a change is told, long enough to be seen on a slow display."""
 KINDS = {"exponential": EXPONENTIAL, "directional": DIRECTIONAL}
 
 
@@ -322,7 +320,7 @@ class ThreeModel(launch.Planner):
             else:
                 state = self._dropped(State(x, changed), found.after)
             x = state.values
-            told_changed(x, ALARM_LASTS)
+            told_changed(x)
             return state
         if len(samples) >= DOUBTED * first_try(stage.setting):
             looked = count - x[slots.FIRST_LOOK]

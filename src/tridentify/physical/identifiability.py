@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from tridentify.errors import CoefficientMapError
 from tridentify.numerics.arrays import Array
 from tridentify.physical.model import DIFFERENCE_STEP, PhysicalModel, differences
+from tridentify.writing.layout import quotient
 
 Powers = tuple[tuple[str, Fraction], ...]
 
@@ -268,16 +269,7 @@ def combination_gradient(model: PhysicalModel, name: str, z: Array) -> Array:
 
 def product_text(powers: Powers) -> str:
     """A product of powers, such as ``R*C`` or ``K/(J*L)``."""
-
-    def side(sign: int) -> list[str]:
-        found = [(name, sign * p) for name, p in powers if sign * p > 0]
-        return [name if p == 1 else f"{name}^{p}" for name, p in found]
-
-    above, below = side(1), side(-1)
-    if not below:
-        return "*".join(above)
-    divisor = below[0] if len(below) == 1 else f"({'*'.join(below)})"
-    return f"{'*'.join(above) or '1'}/{divisor}"
+    return quotient(powers, "*")
 
 
 def product_unit(powers: Powers, units: Mapping[str, str]) -> str:

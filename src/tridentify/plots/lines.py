@@ -122,7 +122,7 @@ def lines_of(
         As `entries_of` and `same_channels`.
     """
     entries = entries_of(models, names, example=example)
-    same_channels(entries, "picture")
+    same_channels(entries)
     first = next(iter(np.ravel(np.asarray(axes, dtype=object))), None)
     taken = {line.get_color() for line in getattr(first, "lines", ())}
     after = max((k + 1 for k, colour in enumerate(CYCLE) if colour in taken), default=0)

@@ -119,15 +119,17 @@ def _step(poles: npt.NDArray[np.complex128], start: float, horizon: float) -> fl
     return max(float(fine), horizon / (20 * POINTS))
 
 
-def trimmed(t: Array, response: Array, share: float = 0.004) -> int:
+SETTLED = 0.004
+"""Of a response's range: within it, it counts as settled."""
+
+
+def trimmed(t: Array, response: Array) -> int:
     """Number of times until every response stays at its last value.
 
     Parameters
     ----------
     t : ndarray, shape (n_times,)
     response : ndarray, shape (n_times, ...)
-    share : float
-        Of a response's range within which it counts as settled.
 
     Returns
     -------
@@ -136,7 +138,7 @@ def trimmed(t: Array, response: Array, share: float = 0.004) -> int:
     """
     flat = response.reshape(t.size, -1)
     with np.errstate(invalid="ignore"):
-        moving = np.abs(flat - flat[-1]) > share * np.ptp(flat, axis=0)
+        moving = np.abs(flat - flat[-1]) > SETTLED * np.ptp(flat, axis=0)
     last = int(np.flatnonzero(moving.any(axis=1)).max(initial=0))
     return min(int(np.searchsorted(t, 1.35 * t[last])) + 2, t.size) if last else t.size
 

@@ -288,9 +288,6 @@ LEVEL = 0.95
 NAME = 22
 """Characters of a line in the name of a cell."""
 
-Row = tuple[str, float, float]
-"""Method, value, standard error."""
-
 
 def plot_study_cells(result: DeclaredResult, *, axes: Sequence[Axes] | None = None) -> style.Panels:
     """Draw error over the Cramer-Rao bound, and coverage, of every method in every cell.

@@ -374,7 +374,7 @@ GAP = 5.0
 """A step of more than so many typical ones is a gap, across which no line is drawn."""
 
 
-def course(t: Array, values: Array, max_points: int = MAX_POINTS) -> tuple[Array, Array]:
+def course(t: Array, values: Array) -> tuple[Array, Array]:
     """Points of a line through what was recorded, at most as many as can be told apart.
 
     Parameters
@@ -382,7 +382,6 @@ def course(t: Array, values: Array, max_points: int = MAX_POINTS) -> tuple[Array
     t, values : ndarray, shape (n_samples,)
         ``nan`` is a sample that is missing; single ones are bridged, as between the samples of a
         channel that is slower than the others.
-    max_points : int
 
     Returns
     -------
@@ -400,7 +399,7 @@ def course(t: Array, values: Array, max_points: int = MAX_POINTS) -> tuple[Array
         return t, values
     steps = np.diff(t)
     ends = t[:-1][steps > GAP * np.median(steps)]
-    t, values = shorten(t, values, max_points)
+    t, values = shorten(t, values, MAX_POINTS)
     place = np.searchsorted(t, ends, side="right")
     return np.insert(t, place, ends), np.insert(values, place, np.nan)
 

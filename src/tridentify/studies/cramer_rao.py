@@ -18,7 +18,6 @@ at the samples as columns of ``Psi``,
 from __future__ import annotations
 
 import numpy as np
-import scipy.linalg
 
 from tridentify.errors import IdentifiabilityError
 from tridentify.numerics.arrays import Array
@@ -106,32 +105,3 @@ def information_factor(sensitivities: Array) -> Array:
             "record that determines all of them; record longer or excite more"
         )
     return factor
-
-
-def cramer_rao_covariance(sensitivities: Array, noise_variance: float) -> Array:
-    """Bound on the covariance of unbiased estimates.
-
-    Parameters
-    ----------
-    sensitivities : (n_samples, n_parameters) array
-        From `output_sensitivities`.
-    noise_variance : float
-        Of white Gaussian noise on the output.
-
-    Returns
-    -------
-    (n_parameters, n_parameters) array
-
-    Raises
-    ------
-    IdentifiabilityError
-        As `information_factor`.
-
-    Examples
-    --------
-    >>> cramer_rao_covariance(np.ones((4, 1)), 1.0)
-    array([[0.25]])
-    """
-    factor = information_factor(sensitivities)
-    inverse = scipy.linalg.solve_triangular(factor, np.eye(factor.shape[0]))
-    return np.asarray(noise_variance * inverse @ inverse.T, dtype=np.float64)

@@ -31,7 +31,7 @@ from tridentify.estimation.likelihood.problem import Problem
 from tridentify.estimation.search.passes import parallel_model
 from tridentify.models.series_parallel import Filtering, equation_error, polynomial
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.least_squares import solve
+from tridentify.numerics.least_squares import column_norms, solve
 from tridentify.numerics.realization import Cascade, DegreeBasis, denominator, numerators
 from tridentify.record.record import Record
 
@@ -315,8 +315,7 @@ def _numerator_map(bank: Cascade, basis: DegreeBasis, count: int, degree: int) -
 
 def _spread(matrix: Array, maps: Array) -> Array:
     """``T (M' M)^{-1} T'``."""
-    norms = np.sqrt(np.einsum("ij,ij->j", matrix, matrix))
-    norms = np.where(norms > 0, norms, 1.0)
+    norms = column_norms(matrix)
     _, s, vt = np.linalg.svd(matrix / norms, full_matrices=False)
     root = (maps / norms) @ (vt.T / np.where(s > 1e-15 * s[0], s, np.inf))
     return np.asarray(root @ root.T)

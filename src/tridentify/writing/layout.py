@@ -8,6 +8,7 @@ import math
 import re
 import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
+from fractions import Fraction
 
 MOST_POWER = 300
 """Of ten: beyond it a power leaves the range of a float."""
@@ -306,16 +307,40 @@ def unit_product(factors: Mapping[str, int]) -> str:
     >>> unit_product({"m": 1, "s": -2, "deg": -1}), unit_product({"s": -1}), unit_product({})
     ('m/(s^2 deg)', '1/s', '-')
     """
+    return quotient(factors.items(), " ") or "-"
+
+
+def quotient(powers: Iterable[tuple[str, int | Fraction]], times: str) -> str:
+    """Write a product of powers as one quotient; empty where there are none.
+
+    Examples
+    --------
+    >>> quotient([("K", 1), ("J", -1), ("L", -2)], "*")
+    'K/(J*L^2)'
+    """
+    given = list(powers)
 
     def side(sign: int) -> list[str]:
-        powers = [(name, sign * power) for name, power in factors.items() if sign * power > 0]
-        return [name if power == 1 else f"{name}^{power}" for name, power in powers]
+        found = [(name, sign * power) for name, power in given if sign * power > 0]
+        return [name if power == 1 else f"{name}^{power}" for name, power in found]
 
     above, below = side(1), side(-1)
     if not below:
-        return " ".join(above) or "-"
-    denominator = below[0] if len(below) == 1 else f"({' '.join(below)})"
-    return f"{' '.join(above) or '1'}/{denominator}"
+        return times.join(above)
+    divisor = below[0] if len(below) == 1 else f"({times.join(below)})"
+    return f"{times.join(above) or '1'}/{divisor}"
+
+
+def first_of(said: Sequence[str], most: int, rest: str = "more") -> str:
+    """The first of a list in a sentence, the others counted.
+
+    Examples
+    --------
+    >>> first_of(["a", "b"], 2), first_of(["a", "b", "c", "d"], 2)
+    ('a, b', 'a, b and 2 more')
+    """
+    more = f" and {len(said) - most} {rest}" if len(said) > most else ""
+    return f"{', '.join(said[:most])}{more}"
 
 
 def as_call(value: object) -> str:

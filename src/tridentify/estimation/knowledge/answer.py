@@ -26,13 +26,19 @@ from tridentify.estimation.knowledge.affine import Knowledge
 from tridentify.estimation.knowledge.descend import ConstrainedEnd, free_directions
 from tridentify.estimation.knowledge.fixed_denominator import Denominator, HeldFit
 from tridentify.estimation.knowledge.scores import constrained_scatter
-from tridentify.estimation.likelihood.answer import fit_percent, free_after, model_of
+from tridentify.estimation.likelihood.answer import (
+    fit_percent,
+    free_after,
+    model_of,
+    noise_criterion,
+)
 from tridentify.estimation.likelihood.curvature import SINGULAR
 from tridentify.estimation.likelihood.levenberg_marquardt import ROUNDING_SQUARED
 from tridentify.estimation.likelihood.nuisance import Nuisances, reference_of
 from tridentify.estimation.likelihood.scores import ScoreScatter
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.information import aicc_price
+from tridentify.numerics.least_squares import column_norms
 from tridentify.numerics.realization import numerators
 from tridentify.record.record import Record
 
@@ -180,7 +186,8 @@ def estimate_of(
         ),
         degrees_of_freedom=round(float(left.sum())),
         cost=_mean_square(here),
-        aicc=criterion(here, known) + _noise_criterion(here, known, n),
+        aicc=criterion(here, known)
+        + noise_criterion(problem.noise, here.place.regressions, unknowns(here, known), n),
         condition=spread.condition,
         gradient=reached.gradient,
         noise_model=problem.noise,
@@ -207,8 +214,7 @@ def spread_of(reached: ConstrainedEnd, noise: Array) -> ConstrainedSpread:
     held = known.prior_rows(free, here.theta)[0]
     held = np.pad(held, ((0, 0), (0, matrix.shape[1] - free.shape[1])))
     matrix = np.vstack([matrix, held])
-    norms = np.sqrt(np.einsum("ij,ij->j", matrix, matrix))
-    norms = np.where(norms > 0, norms, 1.0)
+    norms = column_norms(matrix)
     _, s, vt = np.linalg.svd(matrix / norms, full_matrices=False)
     condition = float(s[0] / s[-1]) if s.size and s[-1] > 0 else np.inf
     root = (vt.T / np.where(s > 0, s, np.inf)) / norms[:, None]
@@ -270,16 +276,6 @@ def _mean_square(here: HeldFit) -> float:
     if np.any(variance == 0):
         return 0.0
     return float(np.exp(here.counts @ np.log(variance) / here.counts.sum()))
-
-
-def _noise_criterion(here: HeldFit, known: Knowledge, n: float) -> float:
-    """What the noise model adds to AICc: its coefficients, and the scale of the innovations."""
-    added = sum(a.size for a in here.problem.noise)
-    if not added:
-        return 0.0
-    k = unknowns(here, known)
-    scale = float(sum(sum(r.log_scale) for r in here.place.regressions))
-    return scale + aicc_price(float(k + added), n) - aicc_price(float(k), n)
 
 
 def _nuisance(

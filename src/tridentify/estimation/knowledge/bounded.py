@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.least_squares import column_norms
 
 SLACK = 1e-12
 """Share of the sizes involved by which a bound may be missed: some thousand roundings."""
@@ -55,8 +56,7 @@ def bounded_least_squares(
     >>> found.x.tolist(), found.multipliers.tolist()
     ([1.0, 0.0], [0.0, 1.0])
     """
-    norms = np.sqrt(np.einsum("ij,ij->j", matrix, matrix))
-    norms = np.where(norms > 0, norms, 1.0)
+    norms = column_norms(matrix)
     scaled = matrix / norms
     free = _least_squares(scaled, target)
     inside = rows / norms

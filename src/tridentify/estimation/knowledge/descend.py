@@ -30,6 +30,7 @@ from tridentify.estimation.likelihood.levenberg_marquardt import ROUNDING_SQUARE
 from tridentify.estimation.likelihood.problem import LEAST_DAMPED, TOO_FAST, Problem
 from tridentify.estimation.likelihood.thresholds import IDLE, NEARLY_SETTLED, SENSELESS
 from tridentify.numerics.arrays import Array, Flags, Indices
+from tridentify.numerics.least_squares import column_norms
 
 SHRINK = 0.1
 """Share of a coefficient of the denominator that one step leaves at least, so that no step crosses
@@ -361,6 +362,5 @@ def gradient_share(here: HeldFit, known: Knowledge, active: Flags) -> float:
     total = float(np.linalg.norm(target))
     if not whole.shape[1] or not total:
         return 0.0
-    norms = np.sqrt(np.einsum("ij,ij->j", whole, whole))
-    u, s, _ = np.linalg.svd(whole / np.where(norms > 0, norms, 1.0), full_matrices=False)
+    u, s, _ = np.linalg.svd(whole / column_norms(whole), full_matrices=False)
     return float(np.linalg.norm(u[:, s > 1e-13 * s[0]].T @ target)) / total

@@ -30,9 +30,10 @@ from tridentify.estimation.likelihood.nuisance import Nuisances, reference_of
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.estimation.likelihood.two_weights import in_words
 from tridentify.models.experiment import MIDDLING
+from tridentify.models.regression import Regression
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.information import aicc_price
-from tridentify.numerics.kept import cached_property
+from tridentify.numerics.kept import Beside, cached_property
 from tridentify.numerics.realization import numerators
 from tridentify.record.record import Record
 from tridentify.structure import Structure
@@ -99,7 +100,10 @@ class Ending:
     @property
     def aicc(self) -> float:
         """AICc, the noise model counted."""
-        return self.criterion + _noise_criterion(self.point)
+        point, problem = self.point, self.point.problem
+        k = problem.n_coefficients + problem.n_nuisance + problem.n_outputs
+        n = float(point.counts.sum())
+        return self.criterion + noise_criterion(problem.noise, point.regressions, k, n)
 
     def told(self, *words: str) -> Self:
         """The same with further decisions."""
@@ -199,7 +203,8 @@ def solved_at(
     )
 
 
-_last: list[tuple[TransferFunction, tuple[Record, ...], Nuisances, Point]] = []
+_ENDS = Beside[Point]("end")
+"""Of a model: where it was found, with all that was worked out there."""
 
 
 def _keep(
@@ -212,13 +217,13 @@ def _keep(
         one.dt is not None and e.n_samples == one.n_samples <= MIDDLING for e, one in samples
     )
     if whole and problem.limits is None and structure.delay != "free":
-        _last[:] = [(model, tuple(records), ending.nuisances, ending.point)]
+        _ENDS.keep(ending.point, model, tuple(records), ending.nuisances)
 
 
 def kept_point(
     model: TransferFunction, records: Sequence[Record], nuisances: Nuisances
 ) -> Point | None:
-    """Where the model of the last estimate came from, with all that was worked out there.
+    """Where a model came from, with all that was worked out there.
 
     Parameters
     ----------
@@ -234,11 +239,7 @@ def kept_point(
     Point or None
         None where it is not the last, or was fitted to anything else.
     """
-    for own, those, terms, point in list(_last):
-        same = own is model and terms == nuisances and len(those) == len(records)
-        if same and all(one is other for one, other in zip(those, records, strict=True)):
-            return point
-    return None
+    return _ENDS.find(model, tuple(records), nuisances)
 
 
 def widened_by(cov: Array, draws: Array, moves: Sequence[Array]) -> tuple[Array, Array]:
@@ -287,15 +288,24 @@ def _left_out(problem: Problem) -> tuple[Finding, ...]:
     )
 
 
-def _noise_criterion(point: Point) -> float:
-    """What the noise model adds to AICc: its coefficients, and the scale of the innovations."""
-    added = sum(a.size for a in point.problem.noise)
+def noise_criterion(
+    noise: Sequence[Array], regressions: Sequence[Regression], k: int, n: float
+) -> float:
+    """What the noise model adds to AICc: its coefficients, and the scale of the innovations.
+
+    Parameters
+    ----------
+    noise : sequence of (p,) arrays
+    regressions : sequence of Regression
+    k : int
+        All other unknowns.
+    n : float
+        Samples of all outputs.
+    """
+    added = sum(a.size for a in noise)
     if not added:
         return 0.0
-    problem, n = point.problem, float(point.counts.sum())
-    k = problem.n_coefficients + problem.n_nuisance + problem.n_outputs
-
-    scale = float(sum(sum(r.log_scale) for r in point.regressions))
+    scale = float(sum(sum(r.log_scale) for r in regressions))
     return scale + aicc_price(float(k + added), n) - aicc_price(float(k), n)
 
 

@@ -6,6 +6,7 @@ coefficients stay as they are, free responses, offsets and drifts are fitted to 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,12 +15,12 @@ from tridentify.estimation.likelihood.levenberg_marquardt import ROUNDING_SQUARE
 from tridentify.estimation.likelihood.literal import Literal, Rests, fit_rests
 from tridentify.estimation.likelihood.nuisance import Nuisances
 from tridentify.estimation.likelihood.problem import Problem
-from tridentify.models.regression import regress
+from tridentify.models.regression import Regression, regress
 from tridentify.models.response import Response
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.information import aicc_price
 from tridentify.numerics.kept import cached_property
-from tridentify.numerics.realization import cascade, denominator, monomials
+from tridentify.numerics.realization import Cascade, cascade, denominator, monomials
 
 TINY = 1e-300
 """Keeps the logarithm of a residual of nothing a number: near the smallest double."""
@@ -51,24 +52,12 @@ class HeldModel:
 
     @cached_property
     def _fitted(self) -> tuple[Response, Rests]:
-        problem, n = self.problem, self.problem.n_poles
-        inner, a = cascade(self.poles), denominator(self.poles)
-        powers = monomials(inner, n)
-        rows = np.zeros((problem.n_outputs, problem.n_inputs, n))
-        direct = np.zeros((problem.n_outputs, problem.n_inputs))
-        free = np.zeros((len(problem.experiments), problem.n_outputs, n))
-        at = 0
-        for i, line in enumerate(problem.n_zeros):
-            for j, m in enumerate(line):
-                b = np.pad(self.numerator[at : at + m + 1], (n - m, 0))
-                direct[i, j] = b[0]
-                rows[i, j] = (b[1:] - b[0] * a[1:])[::-1] @ powers
-                at += m + 1
+        problem, inner = self.problem, cascade(self.poles)
+        last = np.cumsum([m + 1 for line in problem.n_zeros for m in line])
+        flat = iter(np.split(self.numerator, last[:-1]))
+        b = [[next(flat) for _ in line] for line in problem.n_zeros]
         regressions = [regress(e, inner) for e in problem.experiments]
-        rests = fit_rests(regressions, Response(rows, direct, free), self.poles)
-        for (e, i), rest in rests.items():
-            free[e, i] = rest.free_row
-        return Response(rows, direct, free), rests
+        return with_rests(regressions, inner, self.poles, b)
 
     @property
     def response(self) -> Response:
@@ -114,3 +103,33 @@ class HeldModel:
         problem, n = self.problem, float(self.counts.sum())
         k = problem.n_coefficients + problem.n_nuisance + problem.n_outputs
         return float(self.counts @ np.log(self.variance)) + aicc_price(float(k), n)
+
+
+def with_rests(
+    regressions: Sequence[Regression], bank: Cascade, poles: Complex, b: Sequence[Sequence[Array]]
+) -> tuple[Response, Rests]:
+    """``(b / a) u`` with the best free response, and what else is fitted to the remainder.
+
+    Parameters
+    ----------
+    regressions : sequence of Regression
+        On the bank.
+    bank : Cascade
+        Begins with the poles.
+    poles : (n,) complex array
+        Of ``a``.
+    b : nested sequence of arrays
+        ``[output][input]``, descending powers.
+    """
+    n, a, powers = poles.size, denominator(poles), monomials(cascade(poles), poles.size)
+    direct = np.zeros((len(b), len(b[0])))
+    rows = np.zeros((*direct.shape, bank.order))
+    for i, j in np.ndindex(direct.shape):
+        own = np.pad(b[i][j], (n + 1 - b[i][j].size, 0))
+        direct[i, j] = own[0]
+        rows[i, j, :n] = (own[1:] - own[0] * a[1:])[::-1] @ powers
+    free = np.zeros((len(regressions), len(b), bank.order))
+    rests = fit_rests(regressions, Response(rows, direct, free), poles)
+    for (e, i), rest in rests.items():
+        free[e, i, :n] = rest.free_row
+    return Response(rows, direct, free), rests

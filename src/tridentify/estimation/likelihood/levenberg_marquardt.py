@@ -233,7 +233,7 @@ def finishing(
         left = point.decrease()
         if left < settled:
             why = f"the next step would lower -2 log L by {left:.0e}, less than {settled:.0e}"
-            return point, _settled(point.held or now.held), why
+            return point, status_at(point.held or now.held), why
         yield
         now.tried += 1
         proposed, predicted, delays, change = point.step(now.damping, now.bend)
@@ -265,7 +265,7 @@ def finishing(
     left = point.decrease()
     held = point.held or now.held
     if held and held != REFLECTED:
-        return point, _settled(held), held
+        return point, status_at(held), held
     if left < NEARLY_SETTLED:
         return point, Status.CONVERGED, f"a further step would lower -2 log L by {left:.1e}"
     if now.is_over:
@@ -296,7 +296,8 @@ def _on_a_kink(
     return end, status, f"{why}; a delay lies on a whole step, where the cost has a kink"
 
 
-def _settled(held: str) -> Status:
+def status_at(held: str) -> Status:
+    """The status of an end, by the note of what holds it there."""
     if not held or held == REFLECTED:
         return Status.CONVERGED
     return Status.AT_SAMPLING_LIMIT if held == TOO_FAST else Status.AT_STABILITY_LIMIT

@@ -31,7 +31,8 @@ from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Pass, Status, Step, Trace
 from tridentify.estimation.answer.trace import pairs
 from tridentify.estimation.likelihood.cost import evaluate
-from tridentify.estimation.likelihood.literal import Literal, Rests, fit_rests, literal_estimate
+from tridentify.estimation.likelihood.held_model import with_rests
+from tridentify.estimation.likelihood.literal import Literal, Rests, literal_estimate
 from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidates
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.estimation.likelihood.thresholds import SAME_END
@@ -49,7 +50,7 @@ from tridentify.models.response import Response
 from tridentify.models.series import fit_series
 from tridentify.models.series_parallel import SeriesParallelFit, fit_series_parallel
 from tridentify.numerics.arrays import Array, Complex
-from tridentify.numerics.realization import Cascade, cascade, denominator, monomials, sort_poles
+from tridentify.numerics.realization import Cascade, cascade, denominator, sort_poles
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 
@@ -362,21 +363,7 @@ class _PaperRun:
         self, bank: Cascade, regressions: list[Regression], model: _PaperModel
     ) -> tuple[Response, Rests]:
         """``(b / a) x`` with the best free response, and what else is fitted to the remainder."""
-        problem, n = self.problem, self.problem.n_poles
-        powers = monomials(cascade(model.poles), n)
-        a = denominator(model.poles)
-        rows = np.zeros((problem.n_outputs, problem.n_inputs, bank.order))
-        direct = np.zeros((problem.n_outputs, problem.n_inputs))
-        for i, j in np.ndindex(direct.shape):
-            b = np.pad(model.b[i][j], (n + 1 - model.b[i][j].size, 0))
-            direct[i, j] = b[0]
-            rows[i, j, :n] = (b[1:] - b[0] * a[1:])[::-1] @ powers
-        free = np.zeros((len(regressions), problem.n_outputs, bank.order))
-        response = Response(rows, direct, free)
-        rests = fit_rests(regressions, response, model.poles)
-        for (e, i), rest in rests.items():
-            free[e, i, :n] = rest.free_row
-        return Response(rows, direct, free), rests
+        return with_rests(regressions, bank, model.poles, model.b)
 
     def _add(
         self,

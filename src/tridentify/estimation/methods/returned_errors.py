@@ -114,20 +114,6 @@ def with_returned_errors(found: Rooted) -> tuple[Rooted, str]:
     return replace(found, estimate=replace(estimate, cov=cov)), told
 
 
-def returned(found: Rooted) -> tuple[Array, Array] | None:
-    """(n_free, n_free) ``(Z' T)^{-1} Z' Z`` of (1), and the same without ``D``.
-
-    None where a difference leads to no model.
-
-    Parameters
-    ----------
-    found : Rooted
-    """
-    free = np.flatnonzero(found.estimate.std > 0)
-    tables = _tables(found, free)
-    return None if tables is None else _back(tables, free)[:2]
-
-
 def moves_between(found: Rooted) -> tuple[Array, ...]:
     """How far the coefficients move with other descriptions of what lies between the samples.
 

@@ -33,6 +33,7 @@ from tridentify.estimation.search.band import SPREAD_DAMPING, rate_limits, sprea
 from tridentify.models.regression import Layout, response_of
 from tridentify.numerics.arrays import Array, Complex, Flags
 from tridentify.numerics.converter import quantum
+from tridentify.numerics.least_squares import column_norms
 from tridentify.numerics.realization import Cascade, cascade
 from tridentify.numerics.robust import median_scale
 from tridentify.numerics.slices import Slices, drain
@@ -159,8 +160,7 @@ def _basis(problem: Problem, bank: Cascade, output: int) -> Array:
     columns = response_of(experiment, bank, np.eye(n), outputs=(output,) * n)
     if not problem.biproper:
         columns = np.delete(columns, np.s_[layout.states : layout.states + problem.n_inputs], 1)
-    norms = np.sqrt(np.einsum("ij,ij->j", columns, columns))
-    u, s, _ = np.linalg.svd(columns / np.where(norms > 0, norms, 1.0), full_matrices=False)
+    u, s, _ = np.linalg.svd(columns / column_norms(columns), full_matrices=False)
     return np.asarray(u[:, s > 1e-10 * s[0]])
 
 

@@ -22,6 +22,7 @@ from tridentify.numerics.robust import median_scale
 from tridentify.record.checks.samples import looks_measured
 from tridentify.record.checks.times import typical_step
 from tridentify.record.record import Record
+from tridentify.writing.layout import first_of
 
 CHANCE = 1e-4
 """Of a Gaussian record in which a sample is taken for bad."""
@@ -362,5 +363,4 @@ def gaps(record: Record, experiment: int | None) -> list[Finding]:
 
 
 def _named(times: Sequence[float]) -> str:
-    more = f" and {len(times) - MOST_NAMED} more" if len(times) > MOST_NAMED else ""
-    return f"at {', '.join(f'{t:.4g} s' for t in times[:MOST_NAMED])}{more}"
+    return f"at {first_of([f'{t:.4g} s' for t in times], MOST_NAMED)}"

@@ -26,10 +26,10 @@ from functools import partial
 import numpy as np
 
 from tridentify.errors import TridentifyError
-from tridentify.judgement.causes.attempt import Attempt, Limited, attempt, promise
+from tridentify.judgement.causes.attempt import Attempt, attempt, promise
 from tridentify.judgement.causes.present import Present
 from tridentify.judgement.causes.rivals import Rival, one
-from tridentify.judgement.causes.saturation import refitted_noise
+from tridentify.judgement.causes.saturation import behind_outputs
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 
@@ -128,21 +128,15 @@ def backlash_rivals(present: Present, fitted: Sequence[Array]) -> Iterator[Rival
 
 def _with_gap(i: int, half: float, records: Sequence[Record], end: Attempt) -> Attempt:
     """Where a fit to the driving part ended, compared with what was recorded of the driven one."""
-    recorded, left, shown = [], [], []
+    recorded, shown = [], []
     pairs = zip(records, end.point.outputs(), end.point.residuals(), strict=True)
     for record, outputs, residual in pairs:
         y = np.where(np.isfinite(residual), record.y, np.nan)
         driven = np.array(outputs)
         driven[:, i] = _driven(record.y[:, i], outputs[:, i], half)
         recorded.append(y)
-        left.append(y - driven)
         shown.append(driven)
-    return replace(
-        end,
-        deviance=refitted_noise(end, left),
-        unknowns=end.unknowns + 1,
-        limited=Limited(tuple(recorded), tuple(left), tuple(shown)),
-    )
+    return behind_outputs(end, recorded, shown, 1)
 
 
 def _driven(recorded: Array, motion: Array, half: float) -> Array:
@@ -219,9 +213,4 @@ def _of_input(present: Present, j: int) -> Rival | None:
 
 
 def _through(present: Present, j: int, half: float) -> Present:
-    records = []
-    for record in present.records:
-        u = np.array(record.u)
-        u[:, j] = play(u[:, j], np.array([half]), np.nan)[:, 0]
-        records.append(record._derive(u=u))
-    return replace(present, records=tuple(records))
+    return present.acted(j, lambda one: play(one.u[:, j], np.array([half]), np.nan)[:, 0])

@@ -45,6 +45,7 @@ from tridentify.judgement.causes.surprises import moved, small_surprises
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import Whitener
 from tridentify.numerics.interpolation import FEWEST
+from tridentify.numerics.least_squares import column_norms
 from tridentify.numerics.robust import median_scale
 from tridentify.record.checks.samples import Behaviour
 from tridentify.record.record import Record
@@ -333,8 +334,7 @@ def _columns(
 
 def _solved(matrix: Array, target: Array) -> tuple[Array, Array]:
     """Least squares, and a root of the covariance."""
-    norms = np.linalg.norm(matrix, axis=0)
-    norms = np.where(norms > 0, norms, 1.0)
+    norms = column_norms(matrix)
     left, s, right = np.linalg.svd(matrix / norms, full_matrices=False)
     kept = s > CUTOFF * s[0]
     root = right[kept].T / s[kept] / norms[:, None]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -109,6 +109,23 @@ class Present:
         structure = with_terms(self.order, self.zeros, delay, self.nuisances)
         problem = build(self.records, structure, self.nuisances)
         return problem.whitened(self.noise) if self.has_noise else problem
+
+    def acted(self, j: int, signal: Callable[[Record], Array]) -> Present:
+        """The same where something else acted than one of the recorded inputs.
+
+        Parameters
+        ----------
+        j : int
+            Which one.
+        signal : callable
+            Gives, for a record, the (n_samples,) array of what acted.
+        """
+        records = []
+        for record in self.records:
+            u = np.array(record.u)
+            u[:, j] = signal(record)
+            records.append(record._derive(u=u))
+        return replace(self, records=tuple(records))
 
     def with_inputs(self, extra: Sequence[Array], name: str, zeros: int) -> Present:
         """The same with one more input.

@@ -13,6 +13,7 @@ from tridentify.estimation.likelihood.cost import Point, evaluate
 from tridentify.estimation.likelihood.nuisance import Nuisances, build, with_terms
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.numerics.arrays import Complex
+from tridentify.numerics.kept import Beside
 from tridentify.numerics.rational import scaled_roots
 from tridentify.numerics.realization import sort_poles
 from tridentify.record.record import Record
@@ -61,7 +62,7 @@ def poles_of_estimate(estimate: Estimate, problem: Problem) -> Complex:
     return problem.admissible(np.concatenate(found))[0]
 
 
-_last: list[tuple[tuple[object, ...], Nuisances, Point]] = []
+_POINTS = Beside[Point]("point")
 
 
 def point_of(estimate: Estimate, records: Sequence[Record], nuisances: Nuisances) -> Point:
@@ -81,15 +82,13 @@ def point_of(estimate: Estimate, records: Sequence[Record], nuisances: Nuisances
     if known is not None:
         return known
     # of an estimate, what is said of it may have been added since
-    asked = (estimate.model, estimate.structure, estimate.noise_model, *records)
-    for those, terms, point in list(_last):
-        same = len(those) == len(asked) and terms == nuisances
-        if same and all(one is other for one, other in zip(those, asked, strict=True)):
-            return point
+    parts = (estimate.structure, estimate.noise_model, *records)
+    known = _POINTS.find(estimate.model, parts, nuisances)
+    if known is not None:
+        return known
     problem = problem_of(estimate, records, nuisances)
     found = evaluate(problem, poles_of_estimate(estimate, problem))
-    _last[:] = [(asked, nuisances, found)]
-    return found
+    return _POINTS.keep(found, estimate.model, parts, nuisances)
 
 
 def without_outliers(estimate: Estimate, records: Sequence[Record]) -> list[Record]:

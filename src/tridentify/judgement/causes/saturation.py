@@ -84,7 +84,7 @@ def saturation_rivals(present: Present, fitted: Sequence[Array]) -> Iterator[Riv
 def with_limits(limits: Limits, end: Attempt) -> Attempt:
     """Where a fit to the samples within the limits ended, compared on all of them."""
     i = limits.output
-    recorded, left, shown = [], [], []
+    recorded, shown = [], []
     pairs = zip(limits.records, end.point.outputs(), end.point.problem.experiments, strict=True)
     for record, outputs, experiment in pairs:
         y = np.array(experiment.y)
@@ -92,25 +92,24 @@ def with_limits(limits: Limits, end: Attempt) -> Attempt:
         limited = np.array(outputs)
         limited[:, i] = np.clip(outputs[:, i], limits.low, limits.high)
         recorded.append(y)
-        left.append(y - limited)
         shown.append(limited)
-    return replace(
-        end,
-        deviance=refitted_noise(end, left),
-        unknowns=end.unknowns + limits.count,
-        limited=Limited(tuple(recorded), tuple(left), tuple(shown)),
-    )
+    return behind_outputs(end, recorded, shown, limits.count)
 
 
-def refitted_noise(end: Attempt, left: Sequence[Array]) -> float:
-    """``-2 log L`` of what something behind the outputs leaves, by a noise model of its own.
+def behind_outputs(
+    end: Attempt, recorded: Sequence[Array], shown: Sequence[Array], count: int
+) -> Attempt:
+    """The end of a fit where something stands behind the outputs, with a noise model of its own.
 
     Parameters
     ----------
     end : Attempt
-    left : sequence of (n_samples, n_outputs) arrays
-        Per experiment.
+    recorded, shown : sequence of (n_samples, n_outputs) arrays
+        Per experiment: what counts of the record, and what the model takes it for.
+    count : int
+        Unknowns of what stands there.
     """
+    left = [y - taken for y, taken in zip(recorded, shown, strict=True)]
     total = 0.0
     noise = list(end.point.problem.noise)
     for k in range(end.point.problem.n_outputs):
@@ -118,7 +117,12 @@ def refitted_noise(end: Attempt, left: Sequence[Array]) -> float:
         order = noise[k].size if noise else 0
         a = fit_autoregression(series, order, order) if order else np.zeros(0)
         total += deviance(series, a)
-    return total
+    return replace(
+        end,
+        deviance=total,
+        unknowns=end.unknowns + count,
+        limited=Limited(tuple(recorded), tuple(left), tuple(shown)),
+    )
 
 
 def levels(recorded: Array, fitted: Array) -> tuple[float, float]:
@@ -245,12 +249,7 @@ def _of_input(present: Present, j: int) -> Rival | None:
 
 
 def _clipped(present: Present, j: int, low: float, high: float) -> Present:
-    records = []
-    for record in present.records:
-        u = np.array(record.u)
-        u[:, j] = np.clip(u[:, j], low, high)
-        records.append(record._derive(u=u))
-    return replace(present, records=tuple(records))
+    return present.acted(j, lambda record: np.clip(record.u[:, j], low, high))
 
 
 def _of_rate(present: Present, j: int) -> Rival | None:
@@ -311,12 +310,9 @@ def _of_rate(present: Present, j: int) -> Rival | None:
 
 def _limited_rate(present: Present, j: int, most: float) -> Present:
     """With what follows an input by no more than `most` a sample."""
-    records = []
-    for record in present.records:
-        u = np.array(record.u)
-        u[:, j] = following(u[:, j], most, held=record.behaviour == "zoh")
-        records.append(record._derive(u=u))
-    return replace(present, records=tuple(records))
+    return present.acted(
+        j, lambda record: following(record.u[:, j], most, held=record.behaviour == "zoh")
+    )
 
 
 def following(u: Array, most: float, *, held: bool) -> Array:

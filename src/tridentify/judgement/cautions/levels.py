@@ -21,6 +21,7 @@ from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
 from tridentify.estimation.likelihood.nuisance import Nuisances
 from tridentify.judgement.causes.attempt import Attempt
+from tridentify.judgement.causes.revisit import stated
 from tridentify.judgement.cautions.remedies import fitted_again
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
@@ -78,19 +79,13 @@ def level_findings(estimate: Estimate, records: Sequence[Record]) -> list[Findin
             "as large, so that trim and start decide the answer: "
             f"{choice.label} explains the record as well (AICc {more:+.1f}), with other "
             "coefficients. The standard errors hold for the choice that was made "
-            f"({_made(estimate).label}).",
+            f"({stated(estimate).label}).",
             "State offset and initial_state (--offset, --initial-state) if they are known, or use "
             "a stretch in which the input moves the system.",
             effect=f"With the other: {estimate.names[k]} from {estimate.theta[k]:.4g} to {to:.4g} "
             f"({size[k]:.1f} standard errors).",
         )
     ]
-
-
-def _made(estimate: Estimate) -> Nuisances:
-    """The choice of the estimate."""
-    s = estimate.structure
-    return Nuisances(str(s.initial_state), bool(s.offset), bool(s.drift))
 
 
 def _others(estimate: Estimate) -> list[Nuisances]:

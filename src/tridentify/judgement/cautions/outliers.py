@@ -14,12 +14,11 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import ndtri
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
 from tridentify.judgement.causes.first_samples import Predictions, beginning
-from tridentify.judgement.validation.distribution import QUANTILE, SMALL_SAMPLE, is_shock
+from tridentify.judgement.validation.distribution import is_shock, largest_by_chance, scale_of
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.converter import within_a_step
@@ -29,9 +28,9 @@ from tridentify.numerics.local_size import (
     farthest_by_chance,
     over_local_size,
 )
-from tridentify.numerics.quantiles import median, quantiles, root_mean_square
-from tridentify.numerics.robust import median_scale
+from tridentify.numerics.quantiles import median, root_mean_square
 from tridentify.record.record import Record
+from tridentify.writing.layout import first_of
 
 FALSE_ALARMS = 1e-3
 """Probability that a record of Gaussian noise is told to have a spike."""
@@ -122,8 +121,7 @@ def _at(places: Sequence[tuple[int, int]], times: Sequence[float], n_experiments
         f"{t:.4g} s" + (f" of experiment {e + 1}" if several else "")
         for (e, _), t in zip(places, times, strict=True)
     ]
-    more = f" and {len(said) - MOST_NAMED} more" if len(said) > MOST_NAMED else ""
-    return f"at {', '.join(said[:MOST_NAMED])}{more}"
+    return f"at {first_of(said, MOST_NAMED)}"
 
 
 def _far_samples(series: Sequence[Array], a: Array) -> tuple[list[tuple[int, int]], float]:
@@ -134,7 +132,7 @@ def _far_samples(series: Sequence[Array], a: Array) -> tuple[list[tuple[int, int
         return [], 0.0
     middle = median(seen)
     size = np.abs(seen - middle)
-    scale = _scale(size)
+    scale = scale_of(size)
     if scale == 0 or not (a.size or size.max() / scale > _limit(seen.size)):
         return [], 0.0
     # an experiment too short for a size of its own is judged by that of all
@@ -156,13 +154,13 @@ def _of_one_size(series: Sequence[Array], a: Array) -> Sequence[Array]:
     parts = [_from_neighbours(one, _taps(a)) for one in series]
     there = [one[np.isfinite(one)] for one in parts]
     sizes = np.array(
-        [_scale(np.abs(one - median(one))) if one.size >= FEWEST_OF_ONE else 0.0 for one in there]
+        [scale_of(np.abs(one - median(one))) if one.size >= FEWEST_OF_ONE else 0.0 for one in there]
     )
     known = sizes > 0
     if np.sum(known) < 2 or sizes[known].max() < OTHER * sizes[known].min():
         return series
     seen = np.concatenate(there)
-    scale = _scale(np.abs(seen - median(seen)))
+    scale = scale_of(np.abs(seen - median(seen)))
     factors = np.where(known, scale / np.where(known, sizes, 1.0), 1.0)
     return [factor * one for factor, one in zip(factors.tolist(), series, strict=True)]
 
@@ -210,7 +208,7 @@ def spikes(series: Sequence[Array], a: Array) -> tuple[list[tuple[int, int]], fl
     seen = np.concatenate([one[np.isfinite(one)] for one in parts])
     if seen.size < FEWEST:
         return [], 0.0
-    scale = _scale(np.abs(seen - median(seen)))
+    scale = scale_of(np.abs(seen - median(seen)))
     limit = _limit(seen.size) * scale
     places, farthest = [], 0.0
     for e, one in enumerate(parts):
@@ -245,7 +243,7 @@ def _sets_in(series: Array, k: int, a: Array) -> bool:
     """Whether a disturbance sets in at a sample, or at the next one: no sample is wrong then."""
     innovations = whiten(np.ascontiguousarray(series), a)[0]
     seen = innovations[np.isfinite(innovations)]
-    scale = _scale(np.abs(seen - median(seen)))
+    scale = scale_of(np.abs(seen - median(seen)))
     far = np.nan_to_num(innovations / scale) if scale > 0 else np.zeros(series.size)
     return any(is_shock(far, at, _limit(seen.size), a) for at in (k, k + 1) if at < far.size)
 
@@ -259,15 +257,9 @@ def _from_neighbours(series: Array, taps: Array) -> Array:
     return found
 
 
-def _scale(size: Array) -> float:
-    """Of Gaussian noise whose absolute values these are."""
-    far = float(quantiles(size, (QUANTILE,))[0]) / float(ndtri(0.5 + QUANTILE / 2))
-    return max(median_scale(size), far)
-
-
 def _limit(count: int) -> float:
     """The largest of so many, in standard deviations."""
-    return max(LEAST, -float(ndtri(FALSE_ALARMS / count / 2))) * (1.0 + SMALL_SAMPLE / count)
+    return largest_by_chance(FALSE_ALARMS, count, LEAST)
 
 
 def _clearly_none(seen: Array) -> bool:
@@ -277,4 +269,4 @@ def _clearly_none(seen: Array) -> bool:
     few = seen[:: seen.size // FEW]
     middle = median(few)
     farthest = max(float(seen.max()) - middle, middle - float(seen.min()))
-    return farthest < CLEARLY * _limit(seen.size) * _scale(np.abs(few - middle))
+    return farthest < CLEARLY * _limit(seen.size) * scale_of(np.abs(few - middle))

@@ -140,7 +140,7 @@ def entries_of(
     )
 
 
-def same_channels(entries: Sequence[Entry], what: str) -> None:
+def same_channels(entries: Sequence[Entry]) -> None:
     """Refuse models of different channels where one picture is to hold all of them.
 
     Raises
@@ -157,7 +157,7 @@ def same_channels(entries: Sequence[Entry], what: str) -> None:
         if not fits:
             raise ChannelNameError(
                 f"found models of {found} and {other}; expected the same inputs and outputs in "
-                f"one {what}; draw them apart, or pick channel(output, input) of their models"
+                "one picture; draw them apart, or pick channel(output, input) of their models"
             )
 
 

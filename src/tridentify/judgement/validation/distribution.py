@@ -45,6 +45,17 @@ BURST = 3
 NOT_COLOURED = np.zeros(0)
 
 
+def scale_of(size: Array) -> float:
+    """Of Gaussian noise whose absolute values these are."""
+    far = float(quantiles(size, (QUANTILE,))[0]) / float(ndtri(0.5 + QUANTILE / 2))
+    return max(median_scale(size), far)
+
+
+def largest_by_chance(rate: float, count: int, least: float = 0.0) -> float:
+    """The largest of so many, in standard deviations: passed by chance at a rate."""
+    return max(least, -float(ndtri(rate / count / 2))) * (1.0 + SMALL_SAMPLE / count)
+
+
 def distribution(
     name: str,
     innovations: Sequence[Array],
@@ -82,9 +93,7 @@ def distribution(
     seen = joined[np.isfinite(joined)]
     middle = median(seen)
     size = np.abs(seen - middle)
-    tail = float(quantiles(size, (QUANTILE,))[0]) / float(ndtri(0.5 + QUANTILE / 2))
-    scale = max(median_scale(size), tail)
-    limit = -float(ndtri(rate / seen.size / 2)) * (1.0 + SMALL_SAMPLE / seen.size)
+    scale, limit = scale_of(size), largest_by_chance(rate, seen.size)
     if levelled:
         scale, limit = 1.0, farthest_by_chance(rate, seen.size)
     rows, shocks = [], []

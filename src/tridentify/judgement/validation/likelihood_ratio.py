@@ -31,7 +31,7 @@ from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import fit_autoregression, most_coefficients, whiten
 from tridentify.numerics.kept import cached_property
 from tridentify.numerics.lagrange import span
-from tridentify.numerics.least_squares import triangle
+from tridentify.numerics.least_squares import column_norms, triangle
 
 CALLED = 0.001
 """p-value from which something is called wrong: several tests of each output together call about
@@ -74,8 +74,7 @@ class Fitted:
         self.columns = columns
         pairs = zip(output.seen, columns, strict=True)
         raw = np.vstack([np.where(seen[:, None], one, 0.0) for seen, one in pairs])
-        norms = np.sqrt(np.einsum("ij,ij->j", raw, raw))
-        self._raw, self._norms = raw, np.where(norms > 0, norms, 1.0)
+        self._raw, self._norms = raw, column_norms(raw)
 
     @cached_property
     def plain(self) -> Array:

@@ -21,13 +21,14 @@ from tridentify.estimation.answer.finding import Finding
 from tridentify.judgement.causes.wild_beginning import without_wild_beginning
 from tridentify.judgement.validation.residuals import View
 from tridentify.judgement.validation.result import Validation
+from tridentify.numerics.kept import Beside
 from tridentify.record.record import Record
 
 SAID = ("findings", "trace", "call")
 """What `identify` adds to an estimate after it was judged: no test looks at it."""
 
 _ALL_BUT_SAID: attrgetter[tuple[Any, ...]] = attrgetter(
-    *(one.name for one in fields(Estimate) if one.name not in SAID)
+    *(one.name for one in fields(Estimate) if one.name not in (*SAID, "model"))
 )
 
 
@@ -53,7 +54,8 @@ class _Judgement:
         )
 
 
-_last: list[_Judgement] = []
+_JUDGEMENTS = Beside[_Judgement]("judgement")
+"""Of a model; its estimates may differ in what was said since, and in nothing else."""
 
 
 def remember(estimate: Estimate, records: Sequence[Record], validation: Validation) -> None:
@@ -67,7 +69,7 @@ def remember(estimate: Estimate, records: Sequence[Record], validation: Validati
     validation : Validation
         By the default options of `validate`.
     """
-    _last[:] = [_Judgement.of(estimate, records, validation)]
+    _JUDGEMENTS.keep(_Judgement.of(estimate, records, validation), estimate.model, ())
 
 
 def remembered(estimate: Estimate, records: Sequence[Record]) -> Validation | None:
@@ -79,7 +81,7 @@ def remembered(estimate: Estimate, records: Sequence[Record]) -> Validation | No
         What is said of it, its trace and its call may have been added since.
     records : sequence of Record
     """
-    last = next(iter(_last), None)
+    last = _JUDGEMENTS.find(estimate.model, ())
     return last.validation if last is not None and last.fits(estimate, records) else None
 
 
@@ -93,26 +95,17 @@ def given_away(estimate: Estimate, records: Sequence[Record]) -> Validation | No
     """
     found = remembered(estimate, records)
     if found is not None:
-        _last.clear()
+        _JUDGEMENTS.drop()
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class _Look:
-    """A quick look, and whose it is."""
-
-    judged: tuple[Any, ...]
-    records: tuple[Record, ...]
-    view: View | None
-
-
-_looks: list[_Look] = []
+_LOOKS = Beside[tuple[View | None]]("look")
 
 
 def kept_look(
     estimate: Estimate, records: Sequence[Record], made: Callable[[], View | None]
 ) -> View | None:
-    """The last quick look where it is of this very estimate and these records, else a new one.
+    """The quick look at an estimate and its records, a new one where it was not the last.
 
     Two questions that follow one another are asked of it: whether an input reacts, and whether the
     residual calls for tests.
@@ -125,12 +118,9 @@ def kept_look(
     made : callable
         Takes a look.
     """
-    judged, last = _judged(estimate), next(iter(_looks), None)
-    if last is not None and _are(last.judged, judged) and _are(last.records, records):
-        return last.view
-    found = made()
-    _looks[:] = [_Look(judged, tuple(records), found)]
-    return found
+    parts = (*_judged(estimate), *records)
+    known = _LOOKS.find(estimate.model, parts)
+    return (known or _LOOKS.keep((made(),), estimate.model, parts))[0]
 
 
 def as_identified(
@@ -185,12 +175,8 @@ def _listed(record: object) -> list[Record]:
     return found
 
 
-def _are(some: Sequence[Any], others: Sequence[Any]) -> bool:
-    """Whether these are the same objects."""
-    return len(some) == len(others) and all(a is b for a, b in zip(some, others, strict=True))
-
-
 def _judged(estimate: Estimate) -> tuple[Any, ...]:
+    """All that is judged, beside the model."""
     return _ALL_BUT_SAID(estimate)
 
 

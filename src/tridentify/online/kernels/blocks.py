@@ -241,6 +241,65 @@ def settle(
 
 
 @compiled(
+    "void(int64[::1], float64[::1], int64, int64, float64[:, ::1], int64, int64, int64)",
+    wide=True,
+    inner=True,
+)
+def along_directions(
+    ints: Indices, c: Array, output: int, first: int, room: Array, columns: int, to: int, count: int
+) -> None:
+    """The columns of a block of samples along the directions of the coefficients."""
+    n = ints[slots.COLUMNS]
+    maps = ints[slots.C_MAPS] + ints[slots.DIRECTIONS_STRIDE] * output
+    for i in range(ints[slots.DIRECTIONS]):
+        gathered = room[to + i]
+        for j in range(count):
+            gathered[j] = 0.0
+        for s in range(first, n):
+            weight, column = c[maps + i * n + s], room[columns + s]
+            for j in range(count):
+                gathered[j] += weight * column[j]
+
+
+@compiled(
+    "void(float64[::1], int64, int64, float64[::1], float64[:, ::1], int64, int64, int64)",
+    wide=True,
+    inner=True,
+)
+def add_scores(
+    x: Array, scores: int, k: int, v: Array, room: Array, to: int, done: int, end: int
+) -> None:
+    """Add samples to the sums of ``k`` scores, and to those of their products."""
+    m = scores + k
+    for i in range(k):
+        one = room[to + i]
+        total = x[scores + i]
+        last = x[m + i]
+        for j in range(done, end):
+            value = one[j]
+            total += value * v[j]
+            last += value * value
+        x[scores + i], x[m + i] = total, last
+        s = 0
+        while s + 1 < i:
+            two, three = room[to + s], room[to + s + 1]
+            a, b = x[m + s], x[m + s + 1]
+            for j in range(done, end):
+                value = one[j]
+                a += value * two[j]
+                b += value * three[j]
+            x[m + s], x[m + s + 1] = a, b
+            s += 2
+        if s < i:
+            two = room[to + s]
+            a = x[m + s]
+            for j in range(done, end):
+                a += one[j] * two[j]
+            x[m + s] = a
+        m += i + 1
+
+
+@compiled(
     "int64(int64[::1], float64[::1], float64[::1], int64, int64, float64[:, ::1], int64, int64,"
     " int64, int64)",
     wide=True,
@@ -257,15 +316,7 @@ def gather(
     if ints[slots.DIRECTIONS_STRIDE] == 0:
         to = columns + n - k
     else:
-        maps = ints[slots.C_MAPS] + ints[slots.DIRECTIONS_STRIDE] * output
-        for i in range(k):
-            gathered = room[to + i]
-            for j in range(count):
-                gathered[j] = 0.0
-            for s in range(first, n):
-                weight, column = c[maps + i * n + s], room[columns + s]
-                for j in range(count):
-                    gathered[j] += weight * column[j]
+        along_directions(ints, c, output, first, room, columns, to, count)
     for i in range(k):
         x[w + slots.SCORES + i] = room[to + i, count - 1]
     scores = w + slots.SCORES + k
@@ -274,37 +325,11 @@ def gather(
     done = 0
     while done < count:
         end = min(count, done + ints[slots.BLOCK] - int(x[w + slots.INSIDE]))
-        m = scores + k
         squares = x[power]
         for j in range(done, end):
             squares += v[j] * v[j]
         x[power] = squares
-        for i in range(k):
-            one = room[to + i]
-            total = x[scores + i]
-            last = x[m + i]
-            for j in range(done, end):
-                value = one[j]
-                total += value * v[j]
-                last += value * value
-            x[scores + i], x[m + i] = total, last
-            s = 0
-            while s + 1 < i:
-                two, three = room[to + s], room[to + s + 1]
-                a, b = x[m + s], x[m + s + 1]
-                for j in range(done, end):
-                    value = one[j]
-                    a += value * two[j]
-                    b += value * three[j]
-                x[m + s], x[m + s + 1] = a, b
-                s += 2
-            if s < i:
-                two = room[to + s]
-                a = x[m + s]
-                for j in range(done, end):
-                    a += one[j] * two[j]
-                x[m + s] = a
-            m += i + 1
+        add_scores(x, scores, k, v, room, to, done, end)
         x[w + slots.INSIDE] += float(end - done)
         done = end
         if x[w + slots.INSIDE] >= ints[slots.BLOCK]:

@@ -302,12 +302,10 @@ class Board:
         *,
         size: float = SIZE,
         colour: str = INK,
-        bold: bool = False,
     ) -> float:
         """Put down words in lines; the base line after the last one."""
-        wide = BOLD if bold else 1.0
-        for line in wrapped(text.split(), width / wide, size):
-            self.text(x, y, line, size=size, colour=colour, bold=bold)
+        for line in wrapped(text.split(), width, size):
+            self.text(x, y, line, size=size, colour=colour)
             y += LINE * size
         return y
 
@@ -343,9 +341,9 @@ class Board:
         """An arrow along points."""
         self.shapes.append(Line(points, True, colour, dashed))
 
-    def line(self, *points: tuple[float, float], colour: str = INK, dashed: bool = False) -> None:
+    def line(self, *points: tuple[float, float]) -> None:
         """A line along points."""
-        self.shapes.append(Line(points, False, colour, dashed))
+        self.shapes.append(Line(points, False, INK, False))
 
     def branch(self, x: float, y: float) -> None:
         """The point where a signal goes two ways."""

@@ -83,21 +83,19 @@ class ClockSummary:
         return (self.samples - 1) / (self.stop - self.start)
 
 
-def channel_summaries(source: OpenFile, patience: float = PATIENCE) -> list[ChannelSummary]:
+def channel_summaries(source: OpenFile) -> list[ChannelSummary]:
     """Read all channels of an open file and sum them up.
 
     Parameters
     ----------
     source : OpenFile
-    patience : float
-        Time after which no further reading is begun [s].
 
     Returns
     -------
     list of ChannelSummary
         In the order of the file; what cannot be read as numbers has none.
     """
-    end = time.monotonic() + patience
+    end = time.monotonic() + PATIENCE
     problems: dict[int, str] = {}
     read = _readable(source, range(len(source.channels)), end, problems)
     roles = _roles(source, read)
@@ -122,21 +120,19 @@ def _roles(source: OpenFile, read: Mapping[int, Array | None]) -> dict[int, str]
     return unnamed | times | dict(zip(free, map(str, guessed), strict=True))
 
 
-def read_numbers(source: OpenFile, patience: float = PATIENCE) -> dict[int, Array]:
+def read_numbers(source: OpenFile) -> dict[int, Array]:
     """Samples of all channels that hold numbers.
 
     Parameters
     ----------
     source : OpenFile
-    patience : float
-        Time after which no further reading is begun [s].
 
     Returns
     -------
     dict of int to (n,) array
         By position in `OpenFile.channels`.
     """
-    read = _readable(source, range(len(source.channels)), time.monotonic() + patience)
+    read = _readable(source, range(len(source.channels)), time.monotonic() + PATIENCE)
     return {k: values for k in sorted(read) if (values := read[k]) is not None}
 
 

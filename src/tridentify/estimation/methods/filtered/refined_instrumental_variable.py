@@ -67,9 +67,10 @@ from tridentify.estimation.likelihood.levenberg_marquardt import (
     coefficients,
     criterion,
     mean_square,
+    status_at,
 )
 from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidates
-from tridentify.estimation.likelihood.problem import REFLECTED, TOO_FAST, Problem
+from tridentify.estimation.likelihood.problem import Problem
 from tridentify.estimation.likelihood.thresholds import TRUSTED
 from tridentify.estimation.methods.base import Progress, check
 from tridentify.estimation.methods.capability import Capability, refuse_missing
@@ -81,7 +82,7 @@ from tridentify.estimation.methods.filtered.svf_instrumental_variable import ins
 from tridentify.estimation.methods.filtered.svf_least_squares import least_squares
 from tridentify.models.regression import Regression, regress
 from tridentify.numerics.arrays import Array, Complex
-from tridentify.numerics.least_squares import solve
+from tridentify.numerics.least_squares import column_norms, solve
 from tridentify.numerics.realization import Cascade, cascade, denominator, roots_of
 from tridentify.record.record import Record
 from tridentify.structure import Structure
@@ -248,7 +249,7 @@ def _settle(
         )
         passes.append(_described(number, point, step, note))
         if moved < tolerance:
-            status = _verdict(note)
+            status = status_at(note)
             why = f"the next pass would move the coefficients by {moved:.0e} standard errors"
             break
         if at_rounding(point):
@@ -257,15 +258,9 @@ def _settle(
         before = poles
         poles, note = problem.admissible(roots_of(point.inner, alpha))
         if note and np.allclose(poles, before, rtol=1e-9):
-            status, why = _verdict(note), f"stands still: {note}"
+            status, why = status_at(note), f"stands still: {note}"
             break
     return _Settled(nuisances, point, status, why, tuple(passes))
-
-
-def _verdict(note: str) -> Status:
-    if not note or note == REFLECTED:
-        return Status.CONVERGED
-    return Status.AT_SAMPLING_LIMIT if note == TOO_FAST else Status.AT_STABILITY_LIMIT
 
 
 def _described(number: int, point: Point, step: Step, note: str) -> Pass:
@@ -333,8 +328,7 @@ def _instrumental_step(
         states.append(w * np.vstack(filtered[i]))
         residual.append(w * fit.residual)
     s = np.vstack(scores)
-    norms = np.linalg.norm(s, axis=0)
-    basis = np.linalg.qr(s / np.where(norms > 0, norms, 1.0))[0]
+    basis = np.linalg.qr(s / column_norms(s))[0]
     found = solve(basis.T @ np.vstack(states), -(basis.T @ np.concatenate(residual)))
     return found.x, float(np.linalg.norm(s @ found.x)), found.condition
 
