@@ -282,11 +282,10 @@ class Predictors:
         fed = np.flatnonzero(~decays) if self.fed_back else np.zeros(0, dtype=np.intp)
         if not fed.size:
             return found
-        wanted = np.ones((fed.size, 1), dtype=np.complex128)
-        for root in np.expm1(self.mirrored[fed] * self.dt).T:
-            wanted = np.pad(wanted, ((0, 0), (0, 1))) - np.pad(
-                wanted * root[:, None], ((0, 0), (1, 0))
-            )
+        wanted = np.zeros((fed.size, n + 1), dtype=np.complex128)
+        wanted[:, 0] = 1.0
+        for k, root in enumerate(np.expm1(self.mirrored[fed] * self.dt).T):
+            wanted[:, 1 : k + 2] -= wanted[:, : k + 1] * root[:, None]
         step = self._sampled[2][fed]
         value, power, rows = np.zeros_like(step), np.broadcast_to(np.eye(n), step.shape), []
         for k in range(n + 1):
@@ -314,17 +313,21 @@ class Predictors:
         """(n_plants, n_samples) ``e``, from rest or from starts: initial state, then the offset."""
         _, b, _ = self._sampled
         direct = self._observer[2]
-        inputs, through = b @ signals.u.T, direct @ signals.u.T
+        through = direct @ signals.u.T
+        rows, weights = [signals.u.T], [b]
         if signals.pieces:
             af, step, _ = self._discrete(self.dt / signals.pieces)
             blocks = signals.fine.reshape(len(signals.u), signals.pieces, -1)
             for k in range(signals.pieces - 1, -1, -1):
-                inputs = inputs + step @ blocks[:, k].T
+                rows.append(blocks[:, k].T)
+                weights.append(step)
                 step = af @ step
             through = through + direct @ blocks[:, 0].T
         offsets = 0.0 if starts is None else starts[:, -1:]
         left = signals.y - offsets - through
-        inputs = inputs + self.gains[:, :, None] * left[:, None, :]
+        inputs = np.concatenate(weights, axis=2) @ np.concatenate(rows)
+        if self.gains.any():
+            inputs += self.gains[:, :, None] * left[:, None, :]
         count, n, samples = inputs.shape
         first = np.zeros((count, n)) if starts is None else np.array(starts[:, :-1], dtype=float)
         states = np.empty((n, samples))
