@@ -101,8 +101,8 @@ def _over_orders(begun: Together, ends: list[End]) -> None:
         last, lowest, vain = middle, middle.place.criterion, 0
         for order in others:
             last = descended(_of_order(last.place, order))
-            if not _added(last, known, ends):
-                break
+            if np.isfinite(last.moved):
+                ends.append(last)
             vain = 0 if last.place.criterion < lowest else vain + 1
             lowest = min(lowest, last.place.criterion)
             if vain == IN_VAIN:
