@@ -313,21 +313,18 @@ class Predictors:
         """(n_plants, n_samples) ``e``, from rest or from starts: initial state, then the offset."""
         _, b, _ = self._sampled
         direct = self._observer[2]
-        through = direct @ signals.u.T
-        rows, weights = [signals.u.T], [b]
+        inputs, through = b @ signals.u.T, direct @ signals.u.T
         if signals.pieces:
             af, step, _ = self._discrete(self.dt / signals.pieces)
             blocks = signals.fine.reshape(len(signals.u), signals.pieces, -1)
             for k in range(signals.pieces - 1, -1, -1):
-                rows.append(blocks[:, k].T)
-                weights.append(step)
+                inputs = inputs + step @ blocks[:, k].T
                 step = af @ step
             through = through + direct @ blocks[:, 0].T
         offsets = 0.0 if starts is None else starts[:, -1:]
         left = signals.y - offsets - through
-        inputs = np.concatenate(weights, axis=2) @ np.concatenate(rows)
         if self.gains.any():
-            inputs += self.gains[:, :, None] * left[:, None, :]
+            inputs = inputs + self.gains[:, :, None] * left[:, None, :]
         count, n, samples = inputs.shape
         first = np.zeros((count, n)) if starts is None else np.array(starts[:, :-1], dtype=float)
         states = np.empty((n, samples))
