@@ -72,6 +72,9 @@ BACKWARDS = (
     "stand-in."
 )
 
+LOW = 50.0
+"""Fit [percent] up to which it is said what it is the fit of."""
+
 NOT_EXPLAINED = 1e-4
 """p-value of past inputs and outputs in the innovations, from which the direct route has failed."""
 
@@ -106,14 +109,19 @@ def directly(
         return None
     if method.noise == "white" or method.loss != "squared" or estimate.route != "open-loop":
         return None
-    reacts = may_react_at_all(estimate, records) and any(
-        finding.code == CODE for finding in looked_at(estimate, records)
-    )
-    seen = "the input reacts to the output" if reacts else _held(estimate, records)
+    # what past outputs tell costs little; all tests cost as much as the search itself
+    seen = _held(estimate, records) or _reacts(estimate, records)
     if not seen:
         return None
     why = f"{seen}, and no reference says what else moved it"
     return _by_direct_route(method, records, structure, progress, why)
+
+
+def _reacts(estimate: Estimate, records: Sequence[Record]) -> str:
+    """What all tests say of an input that reacts; empty for nothing."""
+    suspected = may_react_at_all(estimate, records)
+    found = looked_at(estimate, records) if suspected else ()
+    return "the input reacts to the output" if any(one.code == CODE for one in found) else ""
 
 
 def _held(estimate: Estimate, records: Sequence[Record]) -> str:
@@ -325,6 +333,7 @@ def about_direct(
                 undecided,
                 "" if undecided else hangs,
                 _rests(estimate),
+                _ahead(estimate, records),
                 one.effect,
             ),
             remedy=_with_statement(_remedy(one), estimate),
@@ -414,6 +423,22 @@ def _rests(estimate: Estimate) -> str:
     """What hangs on an input that is said to be held; empty where little does."""
     told = next(iter(estimate.trace.about(DecisionKind.RESTS_ON_HELD)), "")
     return f"{told[0].upper()}{told[1:]}" if told else ""
+
+
+def _ahead(estimate: Estimate, records: Sequence[Record]) -> str:
+    """What a low fit says, which is that of a simulation; empty where it is none, or not short."""
+    view, fit = own_look(estimate, records), float(estimate.fit[0])
+    if view is None or view.uneven or len(view.outputs) > 1 or fit > LOW:
+        return ""
+    one = view.outputs[0]
+    y = [record.y[:, 0] - np.nanmean(record.y[:, 0]) for record in view.records]
+    spread, last = (np.sqrt(sum(np.nansum(f(own) ** 2) for own in y)) for f in (np.array, np.diff))
+    left = np.linalg.norm(one.white(one.residual, one.noise))
+    known, plain = (100.0 * (1.0 - size / spread) for size in (left, last))
+    return (
+        f"The fit of {fit:.3g} % is that of a simulation, from which slow noise leads away; one "
+        f"sample ahead plant and noise tell {known:.5g} %, the last sample alone {plain:.4g} %"
+    )
 
 
 def _remedy(feedback: Finding) -> str:

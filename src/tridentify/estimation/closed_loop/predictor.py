@@ -282,11 +282,10 @@ class Predictors:
         fed = np.flatnonzero(~decays) if self.fed_back else np.zeros(0, dtype=np.intp)
         if not fed.size:
             return found
-        wanted = np.ones((fed.size, 1), dtype=np.complex128)
-        for root in np.expm1(self.mirrored[fed] * self.dt).T:
-            wanted = np.pad(wanted, ((0, 0), (0, 1))) - np.pad(
-                wanted * root[:, None], ((0, 0), (1, 0))
-            )
+        wanted = np.zeros((fed.size, n + 1), dtype=np.complex128)
+        wanted[:, 0] = 1.0
+        for k, root in enumerate(np.expm1(self.mirrored[fed] * self.dt).T):
+            wanted[:, 1 : k + 2] -= wanted[:, : k + 1] * root[:, None]
         step = self._sampled[2][fed]
         value, power, rows = np.zeros_like(step), np.broadcast_to(np.eye(n), step.shape), []
         for k in range(n + 1):
@@ -324,7 +323,8 @@ class Predictors:
             through = through + direct @ blocks[:, 0].T
         offsets = 0.0 if starts is None else starts[:, -1:]
         left = signals.y - offsets - through
-        inputs = inputs + self.gains[:, :, None] * left[:, None, :]
+        if self.gains.any():
+            inputs = inputs + self.gains[:, :, None] * left[:, None, :]
         count, n, samples = inputs.shape
         first = np.zeros((count, n)) if starts is None else np.array(starts[:, :-1], dtype=float)
         states = np.empty((n, samples))

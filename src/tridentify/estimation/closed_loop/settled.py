@@ -67,7 +67,7 @@ def together(loops: Sequence[Loop], plants: Sequence[Plant]) -> Settled | None:
             continue
         try:
             with np.errstate(all="ignore"):  # plants that run off are no ends
-                ends += [one for one in _over_orders(begun) if np.isfinite(one.moved)]
+                _over_orders(begun, ends)
         except np.linalg.LinAlgError:  # a plant without a response, or beyond all bounds
             continue
     if not ends:
@@ -78,25 +78,44 @@ def together(loops: Sequence[Loop], plants: Sequence[Plant]) -> Settled | None:
     return Settled(_found(best), _spread(best, ends) + grown, place.criterion)
 
 
-def _over_orders(begun: Together) -> list[End]:
-    """From a plant: with the noise that its errors ask for, then with fewer and more of it."""
+def _over_orders(begun: Together, ends: list[End]) -> None:
+    """From a plant: with the noise that its errors ask for, then with fewer and more of it.
+
+    Where that leads to an end which another plant led to before, it leads on as from there.
+
+    Parameters
+    ----------
+    begun : Together
+    ends : list of End
+        Those of other plants, to which its own are added.
+    """
     fewest = min(int(one.seen.sum()) for one in begun.ahead)
     orders = [p for p in ORDERS if p <= most_coefficients(fewest)]
     first = fit_autoregression(begun.errors, orders[-1])
     begun = descended(begun.coloured(first)).place
     k = min(int(np.searchsorted(orders, first.size)), len(orders) - 1)
-    middle = descended(_of_order(begun, orders[k]))
-    found = [middle]
+    middle, known = descended(_of_order(begun, orders[k])), tuple(ends)
+    if not _added(middle, known, ends):
+        return
     for others in (orders[k + 1 :], orders[:k][::-1]):
         last, lowest, vain = middle, middle.place.criterion, 0
         for order in others:
             last = descended(_of_order(last.place, order))
-            found.append(last)
+            if np.isfinite(last.moved):
+                ends.append(last)
             vain = 0 if last.place.criterion < lowest else vain + 1
             lowest = min(lowest, last.place.criterion)
             if vain == IN_VAIN:
                 break
-    return found
+
+
+def _added(one: End, known: Sequence[End], ends: list[End]) -> bool:
+    """Whether an end is not one that other plants led to; it then stands among all ends."""
+    if one.still and any(_is_same(one.place, other.place) for other in known if other.still):
+        return False
+    if np.isfinite(one.moved):
+        ends.append(one)
+    return True
 
 
 def _of_order(here: Together, order: int) -> Together:
