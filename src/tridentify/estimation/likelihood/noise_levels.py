@@ -16,9 +16,9 @@ estimate; Patterson & Thompson 1971). Multiplied by a common factor such that ``
 0`` the levels change no ``log L`` but by what they explain: all that compares costs stays as it is.
 
 *An experiment of another system* leaves what is no noise. Whether it does, a test of its own
-derivatives says: what they explain of its residual, over what is left beside them, is F distributed
-where the coefficients are those of all. Where they explain more its level is that of what is left,
-so that an experiment that differs is not believed less for it, and is seen to differ.
+derivatives and of past inputs says: what they explain of its residual, over what is left beside
+them, is F distributed where the model is that of all. Where they explain more its level is that of
+what is left, so that an experiment that differs is not believed less for it, and is seen to differ.
 
 *Whether.* Variances that are equal within chance (Bartlett 1937) are taken as one.
 
@@ -38,6 +38,8 @@ from scipy.special import chdtrc, fdtrc
 
 from tridentify.estimation.likelihood.curvature import Curvature
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.autoregression import whiten_columns
+from tridentify.numerics.lagrange import span
 from tridentify.record.record import Record
 
 BY_CHANCE = 1e-3
@@ -56,6 +58,12 @@ others together."""
 
 LEAST = 1e-4
 """Of the largest level: no level is below it, as weights of more digits lose those of the rest."""
+
+PAST, PER_LAG = 40, 8
+"""Samples of past inputs that may explain a residual, and samples of the record for each."""
+
+LONGEST = 20_000
+"""Samples of an experiment on which that is looked for."""
 
 ROUNDING = 1e-9
 """Residual over output below which there is no noise."""
@@ -80,17 +88,21 @@ class NoiseLevels:
         point = curvature.point
         shape = len(point.regressions), point.problem.n_outputs
         variance, freedom = np.zeros(shape), np.zeros(shape)
+        every = np.eye(max(place.stop for place in point.width.values()))
         for i, fit in enumerate(point.fits):
-            row = 0
-            for e, regression in enumerate(point.regressions):
-                moved = regression.signals[i] @ point._moves[e][i]
-                left = fit.residual[row : row + len(moved)]
-                row += len(moved)
-                along = moved @ curvature.root / np.sqrt(max(curvature.noise[i], 1e-300))
-                held = float(np.einsum("ij,ij->", along, along))
-                own, n = _own(moved, left, float(regression.counts[i]), held)
-                variance[e, i] = own * point.problem.experiments[e].scale_of(i) ** 2
-                freedom[e, i] = n
+            moves, row = point.sensitivities(every, i), 0
+            for e, (regression, experiment) in enumerate(
+                zip(point.regressions, point.problem.experiments, strict=True)
+            ):
+                rows = regression.signals[i] @ point._moves[e][i]
+                left = fit.residual[row : row + len(rows)]
+                row += len(rows)
+                along = rows @ curvature.root / np.sqrt(max(curvature.noise[i], 1e-300))
+                n = max(float(regression.counts[i]) - float(np.einsum("ij,ij->", along, along)), 0)
+                own = float(left @ left) / max(n, 1.0) * experiment.scale_of(i) ** 2
+                noise = point.problem.noise[i] if point.problem.noise else np.zeros(0)
+                beside = _beside_response(point.residuals()[e][:, i], moves[e], experiment.u, noise)
+                variance[e, i], freedom[e, i] = beside or (own, n)
         return cls(variance, freedom)
 
     @classmethod
@@ -126,22 +138,42 @@ class NoiseLevels:
         return found
 
 
-def _own(moved: Array, left: Array, count: float, held: float) -> tuple[float, float]:
-    """Variance and degrees of freedom of one experiment's residual."""
-    rss, freedom = float(left @ left), count - held
-    norms = np.sqrt(np.einsum("ij,ij->j", moved, moved))
-    columns = moved[:, norms > 0] / norms[norms > 0]
-    u, s, _ = np.linalg.svd(columns, full_matrices=False)
-    u = u[:, s > 1e-9 * s.max(initial=0.0)]
-    rest = count - u.shape[1]
-    if rest >= FEWEST and u.shape[1]:
-        along = u.T @ left
-        more, least = float(along @ along), rss - float(along @ along)
-        if least > 0 and fdtrc(u.shape[1], rest, more / u.shape[1] * rest / least) < (
-            OF_ANOTHER_SYSTEM
-        ):
-            return least / rest, rest
-    return rss / max(freedom, 1.0), max(freedom, 0.0)
+def _beside_response(
+    left: Array, moved: Array, u: Array, noise: Array
+) -> tuple[float, float] | None:
+    """Variance and degrees of freedom beside all that follows the input, where something does.
+
+    Parameters
+    ----------
+    left : (n,) array
+        Residual; ``nan`` where a sample is missing.
+    moved : (n, k) array
+        Derivatives by all that was fitted.
+    u : (n, n_inputs) array
+    noise : (p,) array
+        Model of the noise.
+    """
+    left, moved, u = left[:LONGEST], moved[:LONGEST], u[:LONGEST]
+    seen = np.isfinite(left)
+    count = int(seen.sum())
+    most = min(PAST, count // (PER_LAG * u.shape[1]))
+    late = [np.roll(u - u[0], lag, axis=0) for lag in range(most)]
+    for lag, one in enumerate(late):
+        one[:lag] = 0.0
+    columns = np.column_stack([np.nan_to_num(moved), *late])
+    norms = np.sqrt(np.einsum("ij,ij->j", columns, columns))
+    columns = np.column_stack([columns[:, norms > 0] / norms[norms > 0], np.nan_to_num(left)])
+    white = whiten_columns([columns], [seen], noise)
+    basis, e = span(white[:, :-1]), white[:, -1]
+    freedom = float(count - basis.shape[1])
+    if freedom < FEWEST or not basis.shape[1]:
+        return None
+    along = basis.T @ e
+    more, rest = float(along @ along), float(e @ e - along @ along)
+    f = more / basis.shape[1] * freedom / max(rest, 1e-300)
+    if rest > 0 and fdtrc(basis.shape[1], freedom, f) < OF_ANOTHER_SYSTEM:
+        return rest / freedom, freedom
+    return None
 
 
 def scales_of(levels: Sequence[Array], records: Sequence[Record]) -> list[Array]:

@@ -49,7 +49,7 @@ def at_own_levels(ended: Ended, records: Sequence[Record]) -> tuple[Ending, list
         return first, list(records)
     end, levels = first, own
     for _ in range(MOST_TURNS):
-        used = weighed(records, np.sqrt(levels))
+        used = weighed(records, list(np.sqrt(levels)))
         try:
             end = ended(used, end.point.poles)
             found = NoiseLevels.at(end.curvature).known.variance
@@ -83,7 +83,8 @@ def _differing(end: Ending) -> Array | None:
 def _with_levels(end: Ending, records: Sequence[Record]) -> Ending:
     """With the levels that it was fitted with, their number in AICc, and a word about it."""
     point = end.point
-    std = np.sqrt(point.rss / degrees_of_freedom(point))
+    rss = np.sum([np.nansum(one**2, axis=0) for one in point.standardised()], axis=0)
+    std = np.sqrt(rss / degrees_of_freedom(point))
     levels = tuple(
         np.asarray(std if r._noise_scale is None else std * r._noise_scale) for r in records
     )
@@ -122,7 +123,7 @@ def constrained_at_own_levels(
     own = np.where(levels.differ, levels.known.variance, levels.known.variance.mean(axis=0))
     found = first
     for _ in range(MOST_TURNS):
-        found = estimated(weighed(records, np.sqrt(own)))
+        found = estimated(weighed(records, list(np.sqrt(own))))
         seen = _levels_of(found, records)
         if seen is None:
             return first
