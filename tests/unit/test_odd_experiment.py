@@ -48,7 +48,7 @@ def test_a_noisy_record_has_no_bad_samples_and_counts_by_its_noise(seed):
     estimate = identify(three(seed, noise=0.15), ORDER)
     assert not [one for one in estimate.findings if one.matters]
     assert np.ravel(estimate.noise_levels) == pytest.approx([0.02, 0.15, 0.02], rel=0.15)
-    assert "experiment 2  0.1" in estimate.summary()
+    assert f"experiment 2  {np.ravel(estimate.noise_levels)[1]:.4g}" in estimate.summary()
 
 
 @pytest.mark.parametrize("seed", SEEDS)
