@@ -113,8 +113,8 @@ class Together:
         head = [
             f"one model for {self.n_units} units{out}: {self.n_samples} samples, "
             f"{self.passes} passes",
-            f"{self.nuisance}; fit {', '.join(f'{f:.1f} %' for f in self.fit)}; one noise level for "
-            "all units",
+            f"{self.nuisance}; fit {', '.join(f'{f:.1f} %' for f in self.fit)}",
+            "one noise level for all units",
         ]
         titles = ("coefficient", "value", "std error")
         told = [*head, "", *format_table(titles, self.table())]
