@@ -90,8 +90,9 @@ class ThreeModel:
     max_passes : int
         Most steps on the output error.
     noise : {"auto", "white", "ar"}
-        What the measurement noise is taken for: white, autoregressive, or what a test of the
-        residual says.
+        What the measurement noise is taken for: white, of one level in all experiments;
+        autoregressive; or what a test of the residual says. With the last two experiments of
+        different noise have levels of their own (`likelihood.noise_levels`).
     finish : {"auto", "likelihood", "posterior"}
         Where to end: on the likelihood's maximum, on the posterior mean, or on the latter where
         the record is too short and noisy for the former (`posterior.maximum_or_mean`).
@@ -210,18 +211,22 @@ class ThreeModel:
         asked = Request.of(records, structure, self.name, with_all_rows, route)
         if structure.constrained:
             refuse_posterior(self.finish)
-            return constrained_at_own_levels(
-                lambda own: within_constraints(
-                    self, replace(asked, records=tuple(own)), say, self.patience, noise
-                ),
-                with_all_rows,
-            )
+
+            def within(own: Sequence[Record]) -> Estimate:
+                again = replace(asked, records=tuple(own))
+                return within_constraints(self, again, say, self.patience, noise)
+
+            if noise == "white":
+                return within(with_all_rows)
+            return constrained_at_own_levels(within, with_all_rows)
 
         def ended(own: Sequence[Record], poles: Complex | None) -> Ending:
             near_them = partial(self.maximise, near=near if poles is None else poles)
             way = partial(over_delays, self) if structure.delay == "free" else near_them
             return self.weighed(way(own, structure, say), say)
 
+        if noise == "white":
+            return estimate_from(ended(with_all_rows, None), asked)
         ending, used = at_own_levels(ended, with_all_rows)
         return estimate_from(ending, replace(asked, records=tuple(used)))
 
