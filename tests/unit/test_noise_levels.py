@@ -61,6 +61,7 @@ def test_nothing_speaks_against_it_and_files_know_it(seed, tmp_path):
     assert f"experiment 2  {np.ravel(found.noise_levels)[1]:.4g}" in found.summary()
 
 
+@pytest.mark.unjudged
 def test_equal_noise_has_one_level():
     rng = np.random.default_rng(24)
     found = identify([recorded(rng), recorded(rng, n=150, dt=0.11)], ORDER)
@@ -71,7 +72,7 @@ def test_equal_noise_has_one_level():
 @pytest.mark.parametrize(
     ("structure", "method"),
     [
-        (Structure(2, 1, fixed={"a0": 4.0}), None),
+        pytest.param(Structure(2, 1, fixed={"a0": 4.0}), None, marks=pytest.mark.slow),
         pytest.param(Structure(2, 1, bounds={"b0": (0.0, None)}), None, marks=pytest.mark.slow),
         pytest.param(Structure(2, 1, delay="free"), None, marks=pytest.mark.slow),
         (ORDER, OutputError()),
@@ -92,13 +93,16 @@ def _beside_truth(found):
 
 
 @pytest.mark.unjudged
-@pytest.mark.parametrize("method", [SvfLeastSquares(), ThreeModel(noise="white")])
+@pytest.mark.parametrize(
+    "method", [pytest.param(SvfLeastSquares(), marks=pytest.mark.slow), ThreeModel(noise="white")]
+)
 def test_a_method_that_takes_one_level_says_so(method):
     found = identify(two(21), ORDER, method)
     assert not found.noise_levels
     assert any("one was taken for all" in told for told in found.trace.decisions)
 
 
+@pytest.mark.unjudged
 def test_two_outputs_have_levels_of_their_own():
     rng = np.random.default_rng(25)
     sizes = [(0.02, 0.3), (0.1, 0.1)]
