@@ -426,3 +426,13 @@ def test_a_spike_inside_a_loop_stays_a_bad_sample(seed):
     y[[200, 450]] += 3.0
     estimate = identify(Record(record.u, y, dt=record.dt), Structure(2, 0))
     assert "bad-samples" in [one.code for one in estimate.findings]
+
+
+@pytest.mark.parametrize("seed", [41, *(pytest.param(k, marks=pytest.mark.slow) for k in (42, 44))])
+def test_one_step_of_three_lags_asked_as_two_poles_is_no_bend(seed):
+    rng = np.random.default_rng(seed)
+    u = np.where(np.arange(150) >= 20, 30.0, 0.0)
+    plant = TransferFunction([2.7e-5], np.poly([-0.03] * 3))
+    y = simulate(plant, Record(u, u, dt=5.0))[:, 0]
+    found = identify(Record(u, 25.0 + y + 0.05 * rng.standard_normal(150), dt=5.0), (2, 0))
+    assert found.findings[0].code == "order-low"

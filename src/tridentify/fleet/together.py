@@ -4,8 +4,9 @@ The joint likelihood of all records, each with nuisance terms of its own, needs 
 the sum of what the units say there (`fleet.local`). Steps of Gauss and Newton, damped where they
 fail (Levenberg & Marquardt), lead to its maximum: a pass over the fleet each, some six to ten in
 all, and a few numbers from every worker. The maximum is that of `identify` with the list of all
-records and white noise; that one machine holds all samples is not needed, nor that their nuisance
-terms are solved for at once.
+records and ``ThreeModel(noise="white")``, one level of the noise for all; that one machine holds
+all samples is not needed, nor that their nuisance terms are solved for at once. By default
+`identify` gives experiments of different noise a level each (`likelihood.noise_levels`).
 
 Which nuisance terms there are is decided as there, by AICc, for all units alike.
 """
@@ -113,6 +114,7 @@ class Together:
             f"one model for {self.n_units} units{out}: {self.n_samples} samples, "
             f"{self.passes} passes",
             f"{self.nuisance}; fit {', '.join(f'{f:.1f} %' for f in self.fit)}",
+            "one noise level for all units",
         ]
         titles = ("coefficient", "value", "std error")
         told = [*head, "", *format_table(titles, self.table())]

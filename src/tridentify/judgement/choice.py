@@ -13,6 +13,7 @@ from tridentify.errors import OptionError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import ranked
 from tridentify.estimation.closed_loop.moving import any_moves
+from tridentify.estimation.likelihood.noise_levels import weighed
 from tridentify.estimation.methods.base import Method, Progress
 from tridentify.estimation.methods.capability import Capability
 from tridentify.estimation.methods.closed_loop.projection import Projection
@@ -26,6 +27,7 @@ from tridentify.estimation.methods.filtered.refined_instrumental_variable import
 )
 from tridentify.estimation.methods.filtered.svf_instrumental_variable import SvfInstrumentalVariable
 from tridentify.estimation.methods.filtered.svf_least_squares import SvfLeastSquares
+from tridentify.estimation.methods.levels import one_level
 from tridentify.estimation.methods.output_error import OutputError
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.causes.intersample import (
@@ -184,7 +186,8 @@ def with_judgement(
     told : sequence of str
         Further decisions for its trace.
     """
-    said = (*told, *still_references(estimate, records))
+    said = (*told, *still_references(estimate, records), *one_level(estimate, records))
+    records = weighed(records, estimate.noise_levels)
     trace = replace(estimate.trace, decisions=(*estimate.trace.decisions, *said))
     estimate = estimate.saying(trace=trace)
     seen = explained_records(estimate, records)

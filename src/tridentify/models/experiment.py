@@ -44,6 +44,8 @@ class Experiment:
         How late every input reaches every output [s].
     start : int
         The sample at which a free initial state begins to act; outputs before it are ``nan``.
+    scale : (n_outputs,) array, optional
+        Noise of each output over that of all experiments together: what the rows are divided by.
     """
 
     u: Array
@@ -57,6 +59,7 @@ class Experiment:
     t: Array | None = None
     delays: Array | None = None
     start: int = 0
+    scale: Array | None = None
 
     @property
     def n_samples(self) -> int:
@@ -133,6 +136,8 @@ class Experiment:
             key: object = id(signal)
             if not self.is_coloured and not complete:
                 key = (id(signal), seen[:, i].tobytes())
+            if self.scale is not None:
+                key = (key, float(self.scale[i]))
             groups.setdefault(key, []).append(i)
         found = []
         for outputs in groups.values():
@@ -140,6 +145,8 @@ class Experiment:
             y = self.y if len(outputs) == self.y.shape[1] else self.y[:, outputs]
             y = y if complete else np.where(seen[:, outputs], y, 0.0)
             weight = None if min(own) == self.n_samples else seen[:, outputs[0]].astype(np.float64)
+            if self.scale is not None:
+                weight = seen[:, outputs[0]] / self.scale[outputs[0]]
             found.append(OutputRun(tuple(outputs), seen[:, outputs], own, y, weight))
         return tuple(found)
 
@@ -172,8 +179,8 @@ class Experiment:
         gain, scale = np.zeros((0, 1)), np.zeros(0)
         if noise.size:
             gain, scale, log_scale = gains(noise, seen)
-        elif self.is_coloured and not seen.all():
-            weight = seen.astype(np.float64)
+        elif self.is_coloured and (self.scale is not None or not seen.all()):
+            weight = seen / self.scale_of(outputs[0])
         given = (
             self.dt,
             degree,
@@ -187,6 +194,14 @@ class Experiment:
         colour = (np.array(noise, dtype=np.float64), np.array(seen), gain, scale)
         counts = tuple(run.counts[run.outputs.index(i)] for i in outputs)
         return Chart(outputs, counts, log_scale, given, colour if noise.size else None)
+
+    def scale_of(self, output: int) -> float:
+        """What the rows of an output are divided by."""
+        return 1.0 if self.scale is None else float(self.scale[output])
+
+    def standardised(self, series: Array) -> Array:
+        """(n_samples, n_outputs) of the outputs, over the noise as the rows are."""
+        return series if self.scale is None else series / self.scale
 
     @cached_property
     def is_coloured(self) -> bool:

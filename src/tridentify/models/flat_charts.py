@@ -39,7 +39,10 @@ class FlatCharts(NamedTuple):
 
     @classmethod
     def of(cls, experiments: Sequence[Experiment]) -> FlatCharts | None:
-        """None where an experiment has no charts, or other nuisance terms than the first."""
+        """None where an experiment has no charts, or other nuisance terms than the first.
+
+        Neither where coloured noise has a level of its own.
+        """
         first = experiments[0]
         size = len(experiments), first.y.shape[1]
         which, place = np.zeros(size, dtype=np.int64), np.zeros(size, dtype=np.int64)
@@ -50,6 +53,8 @@ class FlatCharts(NamedTuple):
             own = experiment.free, experiment.offset, experiment.drift
             if experiment.charts is None or own != (first.free, first.offset, first.drift):
                 return None
+            if experiment.scale is not None and experiment.is_coloured:
+                return None  # innovations are weighted after they were made (`regression`)
             for chart in experiment.charts:
                 dt, degree, w, firsts, parts, begun, known, y, weight, _, start = chart.given
                 noise, seen, gain, scale = chart.colour or (np.zeros(0),) * 4

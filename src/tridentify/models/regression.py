@@ -213,7 +213,10 @@ def stacks_on(experiment: Experiment, a: Array, b: Array, poles: Complex) -> lis
     poles : (n_banks, q) complex array
     """
     if experiment.charts is not None:
-        return [Stack(*chart[:3], _triangles(a, b, chart)) for chart in experiment.charts]
+        return [
+            Stack(*chart[:3], _over_noise(_triangles(a, b, chart), chart, experiment))
+            for chart in experiment.charts
+        ]
     found = [regress(experiment, Cascade(*one)) for one in zip(a, b, poles, strict=True)]
     first, groups = found[0], dict[int, list[int]]()
     for i, signals in enumerate(first.signals):
@@ -225,6 +228,13 @@ def stacks_on(experiment: Experiment, a: Array, b: Array, poles: Complex) -> lis
         counts = tuple(first.counts[i] for i in own)
         stacks.append(Stack(tuple(own), counts, scale, np.stack(rows)))
     return stacks
+
+
+def _over_noise(rows: Array, chart: Chart, experiment: Experiment) -> Array:
+    """Innovations over the noise of the experiment; white samples are weighted already."""
+    if chart.colour is None or experiment.scale is None:
+        return rows
+    return rows / experiment.scale_of(chart.outputs[0])
 
 
 def _triangles(a: Array, b: Array, chart: Chart) -> Array:
@@ -380,8 +390,9 @@ def _whitened(
             accumulator.absorb(count, first)
     found = {}
     for k, i in enumerate(run.outputs):
-        r = accumulators[k].r
-        scale = whiteners[k].log_scale
+        r, scale = accumulators[k].r, whiteners[k].log_scale
+        if experiment.scale is not None:
+            r = r / experiment.scale_of(i)
         found[i] = (r[:, : layout.n_signals], r[:, layout.n_signals], run.counts[k], scale)
     return found
 

@@ -39,7 +39,7 @@ class Resampled(Samples):
             units=self.units,
             name=self.name,
         )
-        return made
+        return made._weighed(self._noise_scale)
 
     def resample(self, dt: float) -> Self:
         """Keep every k-th sample, or interpolate a record that is not uniform onto a uniform grid.

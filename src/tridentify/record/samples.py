@@ -45,6 +45,8 @@ class Samples:
     reference: Array | None = None
     reference_names: tuple[str, ...] = ()
     reference_intersample: Intersample | None = None
+    # set by the estimators: the noise of each output over that of all experiments together
+    _noise_scale: Array | None = None
 
     def _set(self, **fields: object) -> None:
         for key, value in fields.items():
@@ -59,6 +61,21 @@ class Samples:
         if "y" in changes:
             check_outputs(record.y, record.output_names)
         return record
+
+    def _weighed(self, scale: Array | None) -> Self:
+        """The same samples with a noise level: they count for less where it is high.
+
+        Parameters
+        ----------
+        scale : (n_outputs,) array or None
+            Standard deviation of the noise over that of all experiments together; None for one.
+        """
+        mine = self._noise_scale
+        if scale is mine or (
+            scale is not None and mine is not None and np.array_equal(scale, mine)
+        ):
+            return self
+        return self._derive(_noise_scale=None if scale is None else np.array(scale))
 
     @property
     def _loop(self) -> dict[str, Any]:

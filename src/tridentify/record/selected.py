@@ -177,6 +177,7 @@ class Selected(Samples):
             input_names=names_in,
             output_names=names_out,
             units=MappingProxyType({k: v for k, v in self.units.items() if k in kept}),
+            _noise_scale=None if self._noise_scale is None else self._noise_scale[columns_out],
         )
 
     def _driven_by(self, references: Sequence[str] | None) -> dict[str, Any]:

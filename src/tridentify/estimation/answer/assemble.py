@@ -106,6 +106,7 @@ class Solved:
     condition: float
     gradient: float
     noise_model: tuple[Array, ...] = ()
+    noise_levels: tuple[Array, ...] = ()
     findings: tuple[Finding, ...] = ()
     errors: str = "likelihood"
     draws: Array = field(default_factory=lambda: np.zeros((0, 0)))

@@ -69,10 +69,12 @@ class Content:
     errors: str = "likelihood"
     route: str = dataclasses.field(default="open-loop", metadata=LEFT_OUT)
     loop: LoopTaken | None = dataclasses.field(default=None, metadata=LEFT_OUT)
+    noise_levels: tuple[Array, ...] = dataclasses.field(default=(), metadata=LEFT_OUT)
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
         self._freeze_noise_model()
+        self._freeze_noise_levels()
         if not self.draws.size:
             object.__setattr__(self, "draws", np.zeros((0, len(self.names))))
             self.draws.setflags(write=False)
@@ -123,6 +125,19 @@ class Content:
                 f"found the {n} coefficients {shown(self.names, 120)} of {len(outputs)} outputs "
                 f"and {len(inputs)} inputs; expected those that Structure.names gives; correct them"
             )
+
+    def _freeze_noise_levels(self) -> None:
+        levels = tuple(np.array(one, dtype=np.float64).reshape(-1) for one in self.noise_levels)
+        n_outputs = len(self.output_names)
+        known = len(levels) in (0, len(self.nuisance))
+        if not known or any(one.size != n_outputs or not np.all(one > 0) for one in levels):
+            raise ShapeError(
+                f"found {len(levels)} noise levels for {len(self.nuisance)} experiments; expected "
+                "none, or for each a standard deviation above zero of every output; correct them"
+            )
+        for one in levels:
+            one.setflags(write=False)
+        object.__setattr__(self, "noise_levels", levels)
 
     def _freeze_noise_model(self) -> None:
         given = self.noise_model or (np.zeros(0),) * len(self.output_names)

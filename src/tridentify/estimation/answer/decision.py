@@ -25,6 +25,7 @@ class DecisionKind(enum.Enum):
     NOISE_TAKEN_AS_WHITE = "noise taken as white"
     NOISE_COLOURED = "noise coloured"
     NOISE_MODEL = "noise model"
+    NOISE_LEVELS = "noise level of each experiment"
     INITIAL_STATE = "initial state"
     BETWEEN_DECIDES = "what the input does between its samples decides"
     RESTS_ON_HELD = "the input counts as held between its samples, as the record says"

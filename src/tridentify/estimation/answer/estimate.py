@@ -79,6 +79,9 @@ class Estimate(EstimateInWords, EstimateViews):
     noise_model : tuple of ndarray, one (p,) per output
         Autoregressive coefficients: ``v(k) + a_1 v(k-1) + ... + a_p v(k-p)`` is white. Empty for
         white noise.
+    noise_levels : tuple of ndarray, one (n_outputs,) per experiment
+        Standard deviation of the noise of each experiment [output units] where they differ, and
+        its samples counted by it; empty where one level was taken for all.
     draws : ndarray, shape (n_draws, n_parameters)
         Equally likely coefficients where the estimate is a posterior mean (``status``), else empty.
     loss : str

@@ -107,6 +107,13 @@ class EstimateInWords(Derived):
                 ]
         return tuple(row for row in rows if row[2] != 0)
 
+    def noise_level_rows(self) -> tuple[tuple[str, ...], ...]:
+        """The noise of every output by experiment; empty where one level was taken for all."""
+        return tuple(
+            (f"experiment {number}", *(f"{size:.4g}" for size in own))
+            for number, own in enumerate(self.noise_levels, 1)
+        )
+
     def offset_note(self) -> str:
         """At which input the offsets are the output; empty when that is zero input."""
         notes = []
@@ -142,6 +149,9 @@ class EstimateInWords(Derived):
         outputs = zip(self.output_names, self.fit, spread, strict=True)
         fits = [(n, f"{f:.2f}", f"{s:.4g}", self.units.get(n, "")) for n, f, s in outputs]
         lines += ["", *format_table(("output", "fit [%]", "noise std", "unit"), fits), ""]
+        if levels := self.noise_level_rows():
+            titles = ("noise std", *self.output_names)
+            lines += [*format_table(titles, levels), ""]
         figures = (
             ("AICc", f"{self.aicc:.6g}"),
             ("condition", f"{self.condition:.3g}"),

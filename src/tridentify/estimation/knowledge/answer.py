@@ -265,7 +265,8 @@ def _refuse_invisible(reached: ConstrainedEnd, noise: Array) -> None:
 
 
 def _plain_rss(here: HeldFit) -> Array:
-    if not any(a.size for a in here.problem.noise):
+    weighted = any(e.scale is not None for e in here.problem.experiments)
+    if not (weighted or any(a.size for a in here.problem.noise)):
         return here.rss
     return np.asarray(np.sum([np.nansum(one**2, axis=0) for one in here.over_time()], axis=0))
 

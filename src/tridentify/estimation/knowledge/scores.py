@@ -42,7 +42,10 @@ def constrained_scatter(
         return None
     problem = here.problem
     moved = [sensitivities(here, along, terms, i) for i in range(problem.n_outputs)]
-    found = whitened_scores(here.over_time(), moved, problem.noise, noise)
+    left = [
+        e.standardised(one) for e, one in zip(problem.experiments, here.over_time(), strict=True)
+    ]
+    found = whitened_scores(left, moved, problem.noise, noise)
     directions, innovations = zip(*found, strict=True)
     # stretches of time alone: the inputs may react, which the constraints do not tell
     return judged_scatter(directions, innovations, reacts=True, along=along)
@@ -51,7 +54,7 @@ def constrained_scatter(
 def sensitivities(
     here: HeldFit, along: Array, terms: dict[tuple[int, int], Array], output: int
 ) -> tuple[Array, ...]:
-    """Derivatives of one output over time, (n_samples, k) per experiment; `constrained_scatter`.
+    """Derivatives of one output over its noise, (n_samples, k) an experiment.
 
     The derivatives are linear in the signals of the bank. In place of the triangle of an experiment
     stands the identity, which gives their weights.
@@ -80,5 +83,6 @@ def sensitivities(
         block[:, : place.inner.order] = -seen.filtered(response, e, output)
         rows = block @ along + seen.nuisance_columns(e, output) @ terms[e, output]
         signals = response_of(experiment, place.bank, rows.T, outputs=[output] * rows.shape[1])
+        signals = signals / experiment.scale_of(output)
         found.append(np.where(np.isnan(experiment.y[:, [output]]), np.nan, signals))
     return tuple(found)

@@ -80,6 +80,8 @@ class Ending:
         (`likelihood.two_weights`).
     reacts : bool
         Whether the inputs hold past noise (the direct route).
+    levels : tuple of (n_outputs,) arrays
+        Standard deviation of the noise of each experiment; empty where it is one.
     """
 
     point: Point
@@ -90,6 +92,7 @@ class Ending:
     spread: Spread | None = None
     moved: Array | None = None
     reacts: bool = False
+    levels: tuple[Array, ...] = ()
 
     @cached_property
     def curvature(self) -> Curvature:
@@ -197,6 +200,7 @@ def solved_at(
         condition=curvature.condition,
         gradient=point.gradient,
         noise_model=point.problem.noise,
+        noise_levels=ending.levels,
         findings=_left_out(point.problem),
         errors="scores" if scores else "likelihood",
         draws=draws,

@@ -139,8 +139,9 @@ class Curvature:
 
 
 def output_rss(point: Point) -> Array:
-    """(n_outputs,) sums of squares of the residual as it is, not whitened."""
-    if not any(a.size for a in point.problem.noise):
+    """(n_outputs,) sums of squares of the residual as it is, neither whitened nor weighted."""
+    weighted = any(e.scale is not None for e in point.problem.experiments)
+    if not (weighted or any(a.size for a in point.problem.noise)):
         return point.rss
     return np.asarray(np.sum([np.nansum(one**2, axis=0) for one in point.residuals()], axis=0))
 
@@ -148,7 +149,9 @@ def output_rss(point: Point) -> Array:
 def taken(point: Point, output: int) -> list[Array]:
     """Series whose products are the covariance that the fit took from the noise of one output."""
     root = Curvature.at(point).root
-    return [one[:, k] for one in point.sensitivities(root, output) for k in range(root.shape[1])]
+    pairs = zip(point.problem.experiments, point.sensitivities(root, output), strict=True)
+    moved = [one / e.scale_of(output) for e, one in pairs]
+    return [one[:, k] for one in moved for k in range(root.shape[1])]
 
 
 def degrees_of_freedom(point: Point) -> Array:

@@ -77,8 +77,9 @@ def estimated_noise(
         cov = _covariance(a, float(point.counts[i]))
         known, bent = np.zeros((k, k)), np.zeros((a.size, k, k))
         moved, across = np.zeros((a.size * k,) * 2), np.zeros((a.size, k, k))
-        for table in point.sensitivities(root, i):
-            lags, white, back = _lagged(table / np.sqrt(variance[i]), a)
+        moves = point.sensitivities(root, i)
+        for e, table in zip(point.problem.experiments, moves, strict=True):
+            lags, white, back = _lagged(table / (e.scale_of(i) * np.sqrt(variance[i])), a)
             known += white.T @ white
             both = np.einsum("nr,npc->prc", white, lags)
             bent += both + both.transpose(0, 2, 1)

@@ -161,6 +161,11 @@ class FittedPoint:
         short = longest <= LONG and (most is None or most >= longest)
         return self._every_residual if short else self._left(most)
 
+    def standardised(self, most: int | None = None) -> tuple[Array, ...]:
+        """Residuals over the noise of each experiment, where these have levels of their own."""
+        pairs = zip(self.problem.experiments, self.residuals(most), strict=True)
+        return tuple(experiment.standardised(one) for experiment, one in pairs)
+
     def _left(self, most: int | None) -> tuple[Array, ...]:
         pairs = zip(self.problem.experiments, self.outputs(most), strict=True)
         return tuple(experiment.y[:most] - fitted for experiment, fitted in pairs)

@@ -84,8 +84,8 @@ def check_noise(noise: str) -> None:
 
 
 def residual_series(point: Point, most: int | None = None) -> list[list[Array]]:
-    """Residuals, ``[output][experiment]``."""
-    residuals = point.residuals(most)
+    """Residuals, ``[output][experiment]``, over the noise of each experiment."""
+    residuals = point.standardised(most)
     return [[one[:, i] for one in residuals] for i in range(point.problem.n_outputs)]
 
 

@@ -274,6 +274,7 @@ def _experiment(
             t=record.t - record.t[0] if record.dt is None else None,
             delays=delays if np.any(delays) else None,
             start=start,
+            scale=record._noise_scale,
         )
         if record.n_samples <= MIDDLING:
             _experiments[:] = [*_experiments[1 - KEPT :], (record, key, found)]

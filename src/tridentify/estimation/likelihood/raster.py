@@ -127,4 +127,4 @@ def on_raster(record: Record) -> Record:
         input_names=record.input_names,
         output_names=record.output_names,
         units=record.units,
-    )
+    )._weighed(record._noise_scale)

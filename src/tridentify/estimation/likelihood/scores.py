@@ -156,8 +156,15 @@ def scatter_of_scores(
 
 def _scores(point: Point, root: Array, noise: Array) -> list[tuple[Array, Array]]:
     """``g`` and ``e`` of every experiment."""
-    moved = [point.sensitivities(root, i) for i in range(point.problem.n_outputs)]
-    return whitened_scores(point.residuals(), moved, point.problem.noise, noise)
+    experiments, outputs = point.problem.experiments, range(point.problem.n_outputs)
+    moved = [
+        [
+            one / e.scale_of(i)
+            for e, one in zip(experiments, point.sensitivities(root, i), strict=True)
+        ]
+        for i in outputs
+    ]
+    return whitened_scores(point.standardised(), moved, point.problem.noise, noise)
 
 
 def whitened_scores(

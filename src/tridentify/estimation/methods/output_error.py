@@ -45,6 +45,7 @@ from tridentify.estimation.methods.capability import EVERYTHING, Capability
 from tridentify.estimation.methods.constrained import within_constraints
 from tridentify.estimation.methods.delays import over_delays
 from tridentify.estimation.methods.filtered.svf_least_squares import least_squares
+from tridentify.estimation.methods.levels import at_own_levels, constrained_at_own_levels
 from tridentify.estimation.methods.maximum import Reached
 from tridentify.estimation.methods.robust import check_loss, robust_estimate
 from tridentify.estimation.search.delays import Located
@@ -171,13 +172,21 @@ class OutputError:
             return robust_estimate(records, structure, self.loss, plain, near, say)
         asked = Request.of(records, structure, self.name)
         if structure.constrained:
-            return within_constraints(self, asked, say, self.patience, "white")
-        if structure.delay == "free":
-            given = None if self.start is None else self.start.delay.max(axis=0)
-            best = over_delays(self, records, structure, say, given)
-        else:
-            best = self.maximise(records, structure, say)
-        return estimate_from(best, asked)
+            return constrained_at_own_levels(
+                lambda own: within_constraints(
+                    self, replace(asked, records=tuple(own)), say, self.patience, "white"
+                ),
+                records,
+            )
+        given = None if self.start is None else self.start.delay.max(axis=0)
+
+        def ended(own: Sequence[Record], _: Complex | None) -> Ending:
+            if structure.delay == "free":
+                return over_delays(self, own, structure, say, given)
+            return self.maximise(own, structure, say)
+
+        ending, used = at_own_levels(ended, records)
+        return estimate_from(ending, replace(asked, records=tuple(used)))
 
     def maximise(
         self,

@@ -46,6 +46,7 @@ from tridentify.estimation.methods.capability import EVERYTHING, Capability
 from tridentify.estimation.methods.constrained import within_constraints
 from tridentify.estimation.methods.controller_kind import Controller, check_controller
 from tridentify.estimation.methods.delays import over_delays
+from tridentify.estimation.methods.levels import at_own_levels, constrained_at_own_levels
 from tridentify.estimation.methods.maximum import Maximum, Reached, maximum, nearby
 from tridentify.estimation.methods.noise import with_noise_model
 from tridentify.estimation.methods.output_error import OutputError
@@ -89,8 +90,9 @@ class ThreeModel:
     max_passes : int
         Most steps on the output error.
     noise : {"auto", "white", "ar"}
-        What the measurement noise is taken for: white, autoregressive, or what a test of the
-        residual says.
+        What the measurement noise is taken for: white, of one level in all experiments;
+        autoregressive; or what a test of the residual says. With the last two experiments of
+        different noise have levels of their own (`likelihood.noise_levels`).
     finish : {"auto", "likelihood", "posterior"}
         Where to end: on the likelihood's maximum, on the posterior mean, or on the latter where
         the record is too short and noisy for the former (`posterior.maximum_or_mean`).
@@ -209,11 +211,24 @@ class ThreeModel:
         asked = Request.of(records, structure, self.name, with_all_rows, route)
         if structure.constrained:
             refuse_posterior(self.finish)
-            return within_constraints(self, asked, say, self.patience, noise)
-        near_them = partial(self.maximise, near=near)
-        way = partial(over_delays, self) if structure.delay == "free" else near_them
-        reached = way(with_all_rows, structure, say)
-        return estimate_from(self.weighed(reached, say), asked)
+
+            def within(own: Sequence[Record]) -> Estimate:
+                again = replace(asked, records=tuple(own))
+                return within_constraints(self, again, say, self.patience, noise)
+
+            if noise == "white":
+                return within(with_all_rows)
+            return constrained_at_own_levels(within, with_all_rows)
+
+        def ended(own: Sequence[Record], poles: Complex | None) -> Ending:
+            near_them = partial(self.maximise, near=near if poles is None else poles)
+            way = partial(over_delays, self) if structure.delay == "free" else near_them
+            return self.weighed(way(own, structure, say), say)
+
+        if noise == "white":
+            return estimate_from(ended(with_all_rows, None), asked)
+        ending, used = at_own_levels(ended, with_all_rows)
+        return estimate_from(ending, replace(asked, records=tuple(used)))
 
     def maximise(
         self,

@@ -74,6 +74,11 @@ class Attempt:
         """(n_samples, n_outputs) per experiment, not whitened; ``nan`` where one is missing."""
         return self.point.residuals() if self.limited is None else self.limited.residuals
 
+    def standardised(self) -> tuple[Array, ...]:
+        """The same over the noise of each experiment, where these have levels of their own."""
+        pairs = zip(self.point.problem.experiments, self.residuals(), strict=True)
+        return tuple(e.standardised(one) for e, one in pairs)
+
     def outputs(self) -> tuple[Array, ...]:
         """(n_samples, n_outputs) per experiment, as they would be recorded."""
         return self.point.outputs() if self.limited is None else self.limited.outputs
@@ -107,7 +112,7 @@ class Attempt:
         for i in range(self.point.problem.n_outputs):
             series = [
                 np.where(mask[:, i], one[:, i], np.nan)
-                for mask, one in zip(masks, self.residuals(), strict=True)
+                for mask, one in zip(masks, self.standardised(), strict=True)
             ]
             a = noise[i] if noise else np.zeros(0)
             whitened = [whiten(one, a)[0] for one in series]
@@ -242,4 +247,4 @@ def deviance_at(point: Point, noise: Sequence[Array]) -> float:
 
 
 def _series(point: Point, output: int) -> list[Array]:
-    return [np.ascontiguousarray(one[:, output]) for one in point.residuals()]
+    return [np.ascontiguousarray(one[:, output]) for one in point.standardised()]

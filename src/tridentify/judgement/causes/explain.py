@@ -332,7 +332,7 @@ def _late_in_colour(
 
 def _in_colour(found: Explanation, orders: Sequence[int], base: Attempt) -> Explanation | None:
     """An explanation that was fitted with white weights again, with a model of its noise."""
-    left = [one for end in found.attempts for one in end.point.residuals()]
+    left = [one for end in found.attempts for one in end.point.standardised()]
     noise = tuple(
         fit_autoregression([np.ascontiguousarray(one[:, i]) for one in left], p, p)
         if p

@@ -143,6 +143,8 @@ class Explanations:
             code = "drift"
         if code == "nonlinear" and _is_clearly_more(clear, "disagreeing-experiments", "nonlinear"):
             code = "disagreeing-experiments"
+        if code == "nonlinear" and self._is_of_one_step(clear):
+            code = "order-low"
         if code == "intersample" and _is_clearly_more(clear, "delay", "intersample"):
             code = "delay"
         if code == "delay" and _is_clearly_more(clear, "order-low", "delay"):
@@ -183,6 +185,21 @@ class Explanations:
         # a change that goes on is not one between two halves, and waves follow it
         waves = waves if code == "nonlinear" else -np.inf
         return bool(lines >= min(bent, AS_MUCH * clear[0].gain) or waves > bent - CLEARLY)
+
+    def _is_of_one_step(self, clear: Sequence[Explanation]) -> bool:
+        """Whether more poles explain more than a bend of what one step of the input shows.
+
+        One amplitude says nothing of another: a bend is a guess there, and its shape is what makes
+        up for poles that are missing. Where the system does bend, it explains more than any poles.
+        """
+        inputs = (e.u for e in self.present.point.problem.experiments)
+        if not all(np.all(np.count_nonzero(np.diff(u, axis=0), axis=0) < 2) for u in inputs):
+            return False
+        bend, poles = (
+            max((one.gain for one in clear if one.rival.code == each), default=-np.inf)
+            for each in ("nonlinear", "order-low")
+        )
+        return bool(poles > bend)
 
     def _is_worse(self, one: Explanation) -> bool:
         """Whether the simulated output of some channel is farther from the recorded one."""

@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 
 from tridentify.estimation.likelihood.cost import Point
 from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
+from tridentify.estimation.likelihood.noise_levels import noise_sizes
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.judgement.causes.attempt import Attempt
 from tridentify.judgement.causes.direct_part import has_direct_part
@@ -131,6 +132,10 @@ class Inputs:
     records: tuple[Record, ...]
     surprises: tuple[Array, ...]
 
+    def scale_of(self, output: int) -> tuple[float, ...]:
+        """Noise of an output in each experiment over that of all; empty where it is one."""
+        return noise_sizes(self.records, output)
+
     @classmethod
     def of(cls, records: Sequence[Record]) -> Inputs:
         """Those of some records, without what is noise of an input's own sensor."""
@@ -219,7 +224,7 @@ def _left_by(point: Point, i: int, inputs: Inputs, within: Within) -> Coming:
     noise = point.problem.noise[i] if point.problem.noise else np.zeros(0)
     own = point.sensitivities(np.eye(max(place.stop for place in point.width.values())), i)
     residual = [np.ascontiguousarray(one[:, i]) for one in point.residuals()]
-    return coming(residual, own, noise, inputs, within)
+    return coming(residual, own, noise, inputs, within, inputs.scale_of(i))
 
 
 class Within(NamedTuple):
@@ -269,6 +274,7 @@ def coming(
     noise: Array,
     inputs: Inputs,
     within: Within,
+    scale: Sequence[float] = (),
 ) -> Coming:
     """Test inputs to come in a residual.
 
@@ -282,13 +288,15 @@ def coming(
         What whitens them.
     inputs : Inputs
     within : Within
+    scale : sequence of float
+        Noise of each experiment over that of all; empty where it is one.
     """
-    e = _white([one[:, None] for one in residual], residual, noise)[:, 0]
+    e = _white([one[:, None] for one in residual], residual, noise, scale)[:, 0]
     if within.soon.size:
-        at_once, sizes = _from(0, residual, own, noise, inputs, e)
+        at_once, sizes = _from(0, residual, own, noise, inputs, e, scale)
         if np.any(sizes > within.soon):
             return at_once
-    return _from(within.guard, residual, own, noise, inputs, e)[0]
+    return _from(within.guard, residual, own, noise, inputs, e, scale)[0]
 
 
 def by_predictor(inputs: Inputs, output: int, guard: int) -> Coming:
@@ -312,7 +320,9 @@ def by_predictor(inputs: Inputs, output: int, guard: int) -> Coming:
         for e, one in enumerate(last)
     ]
     seen = [np.where(np.arange(one.size) < most, np.nan, one) for one in y]
-    return _from(guard, seen, own, np.zeros(0), inputs, np.nan_to_num(np.concatenate(seen)))[0]
+    scale, white = inputs.scale_of(output), np.zeros(0)
+    e = _white([one[:, None] for one in seen], seen, white, scale)[:, 0]
+    return _from(guard, seen, own, white, inputs, e, scale)[0]
 
 
 def forecasts_react(point: Point, records: Sequence[Record]) -> bool:
@@ -349,13 +359,14 @@ def _from(
     noise: Array,
     inputs: Inputs,
     e: Array,
+    scale: Sequence[float] = (),
 ) -> tuple[Coming, Array]:
     """The test from so many samples ahead; what an input explains at its best one, each."""
     past = [moved(record.u - record.u[0], range(1 - first, PAST + 1)) for record in inputs.records]
     ahead = range(-first, -first - COMING, -1)
     known = [np.hstack([np.nan_to_num(a), b]) for a, b in zip(own, past, strict=True)]
-    basis = span(_white(known, residual, noise))
-    extra = _white([moved(one, ahead) for one in inputs.surprises], residual, noise)
+    basis = span(_white(known, residual, noise, scale))
+    extra = _white([moved(one, ahead) for one in inputs.surprises], residual, noise, scale)
     count = sum(int(np.isfinite(one).sum()) for one in residual)
     n_inputs = inputs.records[0].n_inputs
 
@@ -417,5 +428,9 @@ def _before(e: Array, lags: range) -> Array:
     return np.stack([np.concatenate([np.zeros(lag), e[:-lag]]) for lag in lags], axis=1)
 
 
-def _white(columns: Sequence[Array], residual: Sequence[Array], noise: Array) -> Array:
+def _white(
+    columns: Sequence[Array], residual: Sequence[Array], noise: Array, scale: Sequence[float] = ()
+) -> Array:
+    if scale:
+        columns = [one / size for one, size in zip(columns, scale, strict=True)]
     return whiten_columns(columns, [np.isfinite(left) for left in residual], noise)

@@ -230,7 +230,7 @@ def _gains_nothing(estimate: Estimate, records: Sequence[Record]) -> bool:
 def _is_noise(fitted: _Fitted) -> bool:
     """Whether a noise model alone, about a level, explains the outputs as well."""
     first = fitted.end
-    orders = [_noise_of(first.point.residuals(), i).size for i in range(len(first.point.rss))]
+    orders = [_noise_of(first.point.standardised(), i).size for i in range(len(first.point.rss))]
     present = fitted.present
     end = attempt(replace(present, noise=()).problem(), [first.point.poles], orders)
     if end is None or any(record.dt is None for record in present.records):

@@ -154,7 +154,7 @@ class Present:
                     **record._loop,
                     input_names=(*record.input_names, name),
                     output_names=record.output_names,
-                )
+                )._weighed(record._noise_scale)
             )
         return replace(
             self,

@@ -23,6 +23,7 @@ from tridentify.errors import (
 from tridentify.estimation.answer.assemble import fingerprint
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding, joined
+from tridentify.estimation.likelihood.noise_levels import weighed
 from tridentify.estimation.methods.explained import explained_or_refused
 from tridentify.judgement.causes.feedback import Inputs
 from tridentify.judgement.causes.fewer import VAGUE
@@ -137,6 +138,8 @@ def validate(
             "Estimate.load gives, before the record; write validate(estimate, record)"
         )
     estimate, records, wild = as_identified(estimate, record)
+    if fingerprint(records) == estimate.record_fingerprint:
+        records = weighed(records, estimate.noise_levels)
     if not (isinstance(level, float) and 0.5 <= level < 1.0):
         raise OptionError(
             f"found level={level!r}; expected a probability from 0.5 to below 1; write level=0.99"

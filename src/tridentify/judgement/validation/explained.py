@@ -353,7 +353,7 @@ def is_little_beside_colour(found: Explanation) -> bool:
     if found.rival.code != "drift":
         return False
     (end,) = found.attempts
-    plain = [np.vstack(end.residuals())[:, i] for i in range(end.point.problem.n_outputs)]
+    plain = [np.vstack(end.standardised())[:, i] for i in range(end.point.problem.n_outputs)]
     seen = [one[np.isfinite(one)] for one in plain]
     white = sum(one.size * float(np.log(np.mean(one**2))) for one in seen)
     return found.gain < OF_COLOUR * (white - end.deviance)

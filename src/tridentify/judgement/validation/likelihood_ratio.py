@@ -68,10 +68,11 @@ def joined(*several: tuple[Array, ...]) -> tuple[Array, ...]:
 
 
 class Fitted:
-    """Columns that are fitted to residuals with the same samples missing."""
+    """Columns that are fitted to residuals with the same samples missing, over their noise."""
 
     def __init__(self, output: Output, columns: tuple[Array, ...]) -> None:
         self.columns = columns
+        columns = tuple(output.over_noise(columns))
         pairs = zip(output.seen, columns, strict=True)
         raw = np.vstack([np.where(seen[:, None], one, 0.0) for seen, one in pairs])
         self._raw, self._norms = raw, column_norms(raw)
@@ -89,7 +90,7 @@ class Fitted:
 
     def left(self, output: Output, noise: Array) -> tuple[Array, Array]:
         """What is left of the residual, and what the fit takes of noise, a column a direction."""
-        residual = np.concatenate([np.nan_to_num(one) for one in output.residual])
+        residual = np.concatenate([np.nan_to_num(one) for one in output.standardised])
         if noise.size:
             beside = zip(self.columns, split(output, residual), strict=True)
             both = output.white([np.column_stack([c / self._norms, r]) for c, r in beside], noise)
@@ -210,6 +211,8 @@ def _draws(output: Output, noise: Array) -> Iterator[Output]:
             bands = np.repeat(np.append(1.0, noise)[:, None], e.size, axis=1)
             v = solve_banded((noise.size, 0), bands, e)[SETTLED:]
             residual.append(np.where(np.isfinite(one), v, np.nan))
+        sizes = output.scale or (1.0,) * len(residual)
+        residual = [one * size for one, size in zip(residual, sizes, strict=True)]
         yield replace(output, residual=tuple(residual))
 
 

@@ -52,7 +52,7 @@ def reference_findings(
         return ()
     for one in view.outputs:
         own = [np.hstack(pair) for pair in zip(one.coefficients, one.nuisance, strict=True)]
-        seen = coming(one.residual, own, one.noise, inputs, AT_ONCE)
+        seen = coming(one.residual, own, one.noise, inputs, AT_ONCE, one.scale)
         if seen.is_clear:
             return (_in_words(most.reference_names[seen.input], one.name, seen.share),)
     return ()

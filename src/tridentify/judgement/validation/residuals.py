@@ -27,6 +27,7 @@ from tridentify.estimation.answer.trace import Status
 from tridentify.estimation.likelihood.cost import Point
 from tridentify.estimation.likelihood.curvature import physical_map
 from tridentify.estimation.likelihood.linear_columns import free_states
+from tridentify.estimation.likelihood.noise_levels import noise_sizes
 from tridentify.estimation.likelihood.nuisance import Nuisances, reference_of
 from tridentify.estimation.likelihood.raster import are_even, on_raster
 from tridentify.judgement.causes.first_samples import Predictions, beginning
@@ -67,6 +68,8 @@ class Output:
         Derivatives by the terms that belong to the experiments.
     noise : (p,) array
         Autoregressive coefficients of the estimate's noise model.
+    scale : tuple of float
+        Noise of each experiment over that of all; empty where it is one.
     """
 
     name: str
@@ -76,6 +79,7 @@ class Output:
     coefficients: tuple[Array, ...]
     nuisance: tuple[Array, ...]
     noise: Array
+    scale: tuple[float, ...] = ()
 
     @cached_property
     def seen(self) -> tuple[NDArray[np.bool_], ...]:
@@ -98,14 +102,28 @@ class Output:
     def white(self, columns: Sequence[Array], noise: Array) -> Array:
         """Whiten columns, one experiment below the other; zero where a sample is missing.
 
+        Over the noise of each experiment.
+
         Parameters
         ----------
         columns : sequence of (n_samples, k) or (n_samples,) arrays
         noise : (p,) array
         """
+        columns = self.over_noise(columns)
         if columns[0].ndim > 1:
             return whiten_columns(columns, self.seen, noise)
         return whiten_columns([one[:, None] for one in columns], self.seen, noise)[:, 0]
+
+    def over_noise(self, series: Sequence[Array]) -> Sequence[Array]:
+        """One for each experiment, divided by its noise."""
+        if not self.scale:
+            return series
+        return [one / size for one, size in zip(series, self.scale, strict=True)]
+
+    @property
+    def standardised(self) -> Sequence[Array]:
+        """The residual over the noise of each experiment."""
+        return self.over_noise(self.residual)
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,7 +344,9 @@ def _fitted_start(
             columns, ours, _ = _columns(point, i)
             terms, kept = _nuisance_columns(columns, ours)
             left = tuple(one[:, i] for one in residual)
-            output = Output("", left, left, left, terms, terms, _noise(estimate, records, i))
+            sizes = noise_sizes(records, i)
+            noise = _noise(estimate, records, i)
+            output = Output("", left, left, left, terms, terms, noise, sizes)
             white = output.white(left, output.noise)
             solution = solve(output.white(terms, output.noise), white)
             for e, one in enumerate(terms):
@@ -432,5 +452,6 @@ def _outputs(
         )
         y = tuple(np.asarray(record.y[:, i]) for record in records)
         fitted = tuple(a - b for a, b in zip(y, left, strict=True))
-        found.append(Output(name, y, fitted, left, own, terms, noises[i]))
+        sizes = noise_sizes(records, i)
+        found.append(Output(name, y, fitted, left, own, terms, noises[i], sizes))
     return tuple(found)

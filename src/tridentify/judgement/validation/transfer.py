@@ -73,7 +73,7 @@ def _size(
     """Fit to be expected, size of the residual over that, and the p-value of the noise's size."""
     output = view.outputs[i]
     n = output.count
-    joined = np.concatenate(output.residual)
+    joined = np.concatenate(output.standardised)
     y = np.concatenate(output.y)[np.isfinite(joined)]
     r = joined[np.isfinite(joined)]
     moved = np.vstack(output.coefficients)[np.isfinite(joined)]

@@ -122,7 +122,7 @@ def torn_at(view: View) -> list[Place]:
     if view.stamped:
         return []
     residuals = [
-        np.stack([output.residual[e] for output in view.outputs], axis=1)
+        np.stack([output.standardised[e] for output in view.outputs], axis=1)
         for e in range(len(view.records))
     ]
     noise = [output.noise for output in view.outputs]
@@ -150,7 +150,7 @@ def _may_react(view: View) -> bool:
     for i, one in enumerate(view.outputs):
         own = [np.hstack(pair) for pair in zip(one.coefficients, one.nuisance, strict=True)]
         within = Within.of(view.point, inputs, i)
-        left = coming(one.residual, own, one.noise, inputs, within)
+        left = coming(one.residual, own, one.noise, inputs, within, one.scale)
         if left.is_clear or by_predictor(inputs, i, within.guard).is_clear:
             return True
     return False
@@ -163,9 +163,9 @@ def starts_wild(view: View) -> bool:
     as a whole does not see them.
     """
     for output in view.outputs:
-        seen = np.concatenate([one[np.isfinite(one)] for one in output.residual])
+        seen = np.concatenate([one[np.isfinite(one)] for one in output.standardised])
         limit = WILD * median_scale(np.abs(seen - median(seen))) if seen.size else 0.0
-        first = [one[:FIRST_SAMPLES] for one in output.residual]
+        first = [one[:FIRST_SAMPLES] for one in output.standardised]
         if limit > 0 and any(np.any(np.abs(one[np.isfinite(one)]) > limit) for one in first):
             return True
     return False
@@ -353,7 +353,8 @@ def _far_beside(view: View, ends: Sequence[Attempt], rate: float) -> list[Array]
         for end in ends:
             noise = end.point.problem.noise
             a = noise[i] if noise else np.zeros(0)
-            whitened += [whiten(np.ascontiguousarray(one[:, i]), a)[0] for one in end.residuals()]
+            left = end.standardised()
+            whitened += [whiten(np.ascontiguousarray(one[:, i]), a)[0] for one in left]
         series = np.split(np.concatenate(whitened), lengths)
         found.append(distribution(output.name, series, times, rate, a).outliers)
     return found

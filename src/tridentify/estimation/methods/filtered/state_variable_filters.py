@@ -122,7 +122,10 @@ def with_filtered(experiment: Experiment, c: Cascade) -> Experiment:
     first = range(q * n_outputs, states.shape[1], q)
     last = [states[:, k : k + q] @ lowest for k in first]
     y = np.column_stack([experiment.y, states[:, : q * n_outputs], *last])
-    return replace(experiment, y=y, free=experiment.free or bool(extra), offset=False, drift=False)
+    # other columns than the outputs, which have no noise level
+    return replace(
+        experiment, y=y, free=experiment.free or bool(extra), offset=False, drift=False, scale=None
+    )
 
 
 def unreduced(experiment: Experiment, bank: Cascade) -> Regression:
