@@ -36,6 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.estimation.likelihood.bank import Bank
+from tridentify.estimation.likelihood.charted import fitted
 from tridentify.estimation.likelihood.fitted_point import FittedPoint
 from tridentify.estimation.likelihood.held_poles import at_slow_limit, conditions, left_by
 from tridentify.estimation.likelihood.linear_fit import Linear
@@ -305,6 +306,10 @@ def evaluate(
     """
     if delays is not None:
         problem = replace(problem.delayed(delays), pinned=pinned)
+    elif regressions is None:
+        found = fitted(problem, None, poles, repeats)
+        if found is not None:
+            return Point(problem, found[0].bank.poles, *found)
     bank = bank_of(problem, poles, repeats)
     if regressions is None:
         regressions = tuple(regress(e, bank.cascade) for e in problem.experiments)
@@ -321,6 +326,10 @@ def evaluate_variant(
     """As `evaluate`, for a choice of nuisance terms of a problem that has more of them."""
     if delays is not None:
         base = base.delayed(delays)
+    else:
+        found = fitted(base, variant, poles, repeats)
+        if found is not None:
+            return Point(variant.problem(base), found[0].bank.poles, *found)
     bank = bank_of(base, poles, repeats)
     whole = tuple(regress(e, bank.cascade) for e in base.experiments)
     return point_at(variant.problem(base), Triangles.of(whole, bank, variant))

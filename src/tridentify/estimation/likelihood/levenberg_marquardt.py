@@ -90,6 +90,10 @@ class Recorder:
             theta, square = coefficients(point), mean_square(point)
             return Pass(number, steps(), theta, square, beta_distance, point.gradient, note)
 
+        self.later(made)
+
+    def later(self, made: Callable[[int], Pass]) -> None:
+        """Add one pass that is worked out, of its number, when it is asked for."""
         self._awaited.append(made)
 
     def follow(self, taken: Sequence[Taken], end: Point) -> None:
