@@ -58,6 +58,10 @@ FAR = 0.1
 that of the end: 5 % of the residual. What is poor now may lead elsewhere, so no pole is held."""
 
 
+CARRIED = frozenset({"variance", "objective", "weights", "seen", "_decomposition", "_undamped"})
+"""What `Point.carried_to` need not work out again."""
+
+
 class Point(FittedPoint):
     """A fit with the slopes of its cost, and the steps that they ask for."""
 
@@ -91,6 +95,13 @@ class Point(FittedPoint):
         )
         found = Decomposition(None, s, vt, scale, projection, total, "")
         return scores, residual, found
+
+    def carried_to(self, problem: Problem) -> Point:
+        """The same place in a problem of the same samples, orders and nuisance terms."""
+        found = replace(self, problem=problem)
+        known = {name: value for name, value in vars(self).items() if name in CARRIED}
+        vars(found).update(known)
+        return found
 
     @property
     def _scores(self) -> tuple[Array, Array]:

@@ -63,6 +63,8 @@ class Descent:
         What the last step told.
     is_open : bool
         Whether machine code can do anything from here.
+    awaited : callable, optional
+        Gives ``bend`` where it has not been worked out: after the last step nobody asks.
     """
 
     at: Callable[..., Point]
@@ -74,6 +76,13 @@ class Descent:
     tried: int = 0
     bend: Bend | None = None
     is_open: bool = True
+    awaited: Callable[[], Bend | None] | None = None
+
+    def turn(self) -> Bend | None:
+        """What the last step tells, worked out for the next one."""
+        if self.awaited is not None:
+            self.bend, self.awaited = self.awaited(), None
+        return self.bend
 
     @property
     def is_over(self) -> bool:
@@ -115,7 +124,7 @@ class Descent:
         scales = np.stack([counts, FLOOR * problem.power, exact * problem.size * counts])
         limits = limits_of(problem)
         rules = np.array([self.settled, IDLE, far, LEAST_BEND, MOST_BEND, APART, MOST_DAMPED])
-        direction, excess = self.bend or (np.zeros(n_poles), np.nan)
+        direction, excess = self.turn() or (np.zeros(n_poles), np.nan)
         state, seen = np.array([self.damping, self.growth, excess]), point.seen
         direction, poles = np.array(direction), point.poles
         now: Any = point.rss, *seen[:2], *seen[2][1:6]

@@ -146,7 +146,7 @@ class Search:
         self._keep(point.poles)
         triangles = point.triangles
         if found.base is base and triangles.of_base and triangles.bank.repeats == 2:
-            self.known = KnownTriangles(point.poles, triangles.whole)
+            self.known = KnownTriangles(point.poles, point=point)
 
     def trying_again(self, base: Problem, variant: Variant, poles: Complex) -> Slices[Complex]:
         """`search_again` in slices."""
