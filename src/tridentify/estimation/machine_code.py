@@ -18,13 +18,13 @@ from types import ModuleType
 
 FIRST_BESIDE = (
     "tridentify.estimation.likelihood.compiled_scatter",
+    "tridentify.models.compiled_whitening",
     "tridentify.models.compiled_regression",
     "tridentify.numerics.kernels.added_columns",
 )
 """What the other process compiles of `load_first`: half of it, and of no use to the rest."""
 BESIDE = (
     *FIRST_BESIDE,
-    "tridentify.models.compiled_whitening",
     "tridentify.estimation.posterior.compiled_triangles",
     "tridentify.numerics.kernels.crossing",
     "tridentify.numerics.kernels.long_recursions",
@@ -70,8 +70,8 @@ def load_first(
         if and_all:
             from tridentify.numerics import incomplete_kernels  # noqa: F401
         say("banks")
-    from tridentify.estimation.likelihood import compiled_scatter
-    from tridentify.models import compiled_regression
+    from tridentify.estimation.likelihood import compiled_fit, compiled_roots, compiled_scatter
+    from tridentify.models import compiled_regression, compiled_whitening
     from tridentify.numerics.kernels import (
         added_columns,
         cascades,
@@ -83,13 +83,15 @@ def load_first(
     )
 
     say("starts")
-    from tridentify.estimation.search import compiled_reduction, compiled_starts
+    from tridentify.estimation.search import compiled_passes, compiled_reduction, compiled_starts
 
     small = polynomials, small_least_squares, small_eigenvalues
     numerics = recursions, *small, cascades, exponentials, triangles
-    models = added_columns, hats, robust_fit, compiled_columns, compiled_steps, compiled_regression
-    starts = compiled_starts, compiled_reduction
-    return *numerics, *models, compiled_cost, compiled_scatter, *starts
+    regression = compiled_regression, compiled_whitening
+    models = added_columns, hats, robust_fit, compiled_columns, compiled_steps, *regression
+    cost = compiled_cost, compiled_scatter, compiled_fit, compiled_roots
+    starts = compiled_starts, compiled_reduction, compiled_passes
+    return *numerics, *models, *cost, *starts
 
 
 def load_kernels(say: Callable[[str], None] = lambda what: None) -> tuple[ModuleType, ...]:
@@ -109,7 +111,6 @@ def load_kernels(say: Callable[[str], None] = lambda what: None) -> tuple[Module
         Whose functions were compiled when they were imported.
     """
     first = load_first(say, and_all=True)
-    from tridentify.models import compiled_whitening
     from tridentify.numerics import incomplete_kernels
     from tridentify.numerics.kernels import crossing, driven, long_recursions, whitening
 
@@ -121,7 +122,7 @@ def load_kernels(say: Callable[[str], None] = lambda what: None) -> tuple[Module
 
     numerics = incomplete_kernels, crossing, driven, long_recursions, whitening
     steps = compiled_proposal, compiled_descent
-    return *first, *numerics, compiled_whitening, compiled_triangles, *steps
+    return *first, *numerics, compiled_triangles, *steps
 
 
 def _is_new(module: ModuleType) -> bool:

@@ -27,6 +27,8 @@ class FlatCharts(NamedTuple):
         All as of `compiled_regression.triangles_of`.
     which, place : (n_experiments, n_outputs) int arrays
         The chart of every output, and its place there.
+    counts : (n_outputs,) array
+        Samples used.
     """
 
     table: Indices
@@ -36,6 +38,7 @@ class FlatCharts(NamedTuple):
     intervals: Array
     which: Indices
     place: Indices
+    counts: Array
 
     @classmethod
     def of(cls, experiments: Sequence[Experiment]) -> FlatCharts | None:
@@ -47,6 +50,7 @@ class FlatCharts(NamedTuple):
         size = len(experiments), first.y.shape[1]
         which, place = np.zeros(size, dtype=np.int64), np.zeros(size, dtype=np.int64)
         table: list[list[int]] = []
+        counts = np.zeros(size[1])
         pieces: list[Array] = []
         others, at = [], 0
         for e, experiment in enumerate(experiments):
@@ -60,6 +64,7 @@ class FlatCharts(NamedTuple):
                 noise, seen, gain, scale = chart.colour or (np.zeros(0),) * 4
                 for k, i in enumerate(chart.outputs):
                     which[e, i], place[e, i] = len(table), k
+                    counts[i] += chart.counts[k]
                 some = [w, begun, known, y, weight, noise, seen, gain, scale]
                 starts = at + np.cumsum([0, *(one.size for one in some)])
                 at = int(starts[-1])
@@ -70,4 +75,4 @@ class FlatCharts(NamedTuple):
                 others.append((firsts, parts, dt))
         firsts, parts, intervals = (np.array(one) for one in zip(*others, strict=True))
         flat = np.concatenate(pieces).astype(np.float64, copy=False)
-        return cls(np.array(table), flat, firsts, parts, intervals, which, place)
+        return cls(np.array(table), flat, firsts, parts, intervals, which, place, counts)

@@ -57,6 +57,7 @@ __all__ = [
     "regression_at",
     "response_of",
     "restricted",
+    "regressions_in",
     "stacks_on",
 ]
 
@@ -264,6 +265,33 @@ def regression_at(
         for at, i in enumerate(stack.outputs):
             found[i] = (signals, r[:, n + at], stack.counts[at], stack.log_scale)
     return _joined(experiment, layout, found)
+
+
+def regressions_in(
+    experiments: Sequence[Experiment], layout: Layout, stack: Array, targets: Array
+) -> tuple[Regression, ...]:
+    """The regressions of experiments whose charts were all filtered at once.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        With charts.
+    layout : Layout
+        Of the columns.
+    stack : (n_charts, r, n_columns) array
+        The triangle of every chart in turn, with rows of zeros where one is shorter.
+    targets : (n_experiments, n_outputs, r) array
+    """
+    regressions, triangles = [], iter(stack)
+    for e, experiment in enumerate(experiments):
+        found: dict[int, tuple[Array, Array, int, float]] = {}
+        for chart in experiment.charts or ():
+            rows = layout.n_signals + len(chart.outputs)
+            signals = next(triangles)[:rows]
+            for i, count in zip(chart.outputs, chart.counts, strict=True):
+                found[i] = (signals, targets[e, i, :rows], count, chart.log_scale)
+        regressions.append(_joined(experiment, layout, found))
+    return tuple(regressions)
 
 
 def _joined(

@@ -53,8 +53,23 @@ class Bank:
         from tridentify.numerics.kernels.cascades import bank_parts
 
         poles = np.ascontiguousarray(poles, dtype=np.complex128)
+        parts = bank_parts(poles, pattern.orders, repeats, max(pattern.orders.tolist()))
+        return cls.made(pattern, poles, repeats, *parts)
+
+    @classmethod
+    def made(
+        cls,
+        pattern: Pattern,
+        poles: Complex,
+        repeats: int,
+        a: Array,
+        b: Array,
+        basis: Array,
+        leading: Array,
+        maps: Array,
+    ) -> Bank:
+        """The bank whose parts are there, as of `numerics.kernels.cascades.bank_parts`."""
         orders = pattern.orders
-        a, b, basis, leading, maps = bank_parts(poles, orders, repeats, max(orders.tolist()))
         if orders.size == 1:
             every = np.concatenate([poles] * repeats)
         else:

@@ -11,7 +11,7 @@ a lower one.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
 
@@ -90,6 +90,7 @@ def decide(
     question: Question,
     seeds: Sequence[Complex],
     known: Mapping[bytes, tuple[Regression, ...]] = MappingProxyType({}),
+    reached: Point | None = None,
 ) -> Decided:
     """Finish what is worth finishing and choose.
 
@@ -100,18 +101,24 @@ def decide(
         Poles to begin with.
     known : mapping
         Triangles of the question's base that exist already, by the bytes of the seed.
+    reached : Point, optional
+        The fit of the only choice at the only seed.
     """
-    return drain(deciding(question, seeds, known))
+    return drain(deciding(question, seeds, known, reached))
 
 
 def deciding(
     question: Question,
     seeds: Sequence[Complex],
     known: Mapping[bytes, tuple[Regression, ...]] = MappingProxyType({}),
+    reached: Point | None = None,
 ) -> Slices[Decided]:
     """`decide` in slices."""
     base, variants, choices = question.base, question.variants, question.choices
-    promised, seed = yield from _predict(base, variants, seeds, known)
+    if reached is None:
+        promised, seed = yield from _predict(base, variants, seeds, known)
+    else:
+        promised, seed = [Predicted(reached, criterion(reached))], 0
     done: dict[int, Finished] = {}
     while len(done) < len(choices):
         k = min(
@@ -126,7 +133,8 @@ def deciding(
         at = partial(evaluate, problem)
         same = _same_input(problem, base, variants[k])
         # the variant holds the inputs of the base: what is simulated later needs its own
-        start = replace(promised[k].point, problem=problem) if same else at(promised[k].point.poles)
+        point = promised[k].point
+        start = point.carried_to(problem) if same else at(point.poles)
         patience, recorder = question.patience, Recorder()
         settled = patience.settled(start.counts.sum())
         steps = finishing(at, start, recorder, patience.most, settled)

@@ -15,7 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from tridentify.estimation.likelihood.compiled_cost import fit_outputs, scores_at
+from tridentify.estimation.likelihood.compiled_cost import scores_at
+from tridentify.estimation.likelihood.compiled_fit import (
+    CHARTS,
+    SHAPE,
+    fit_there,
+    weigh_outputs,
+)
 from tridentify.estimation.likelihood.compiled_proposal import (
     bend_of,
     bent_by,
@@ -26,64 +32,18 @@ from tridentify.estimation.likelihood.compiled_proposal import (
     promised,
     slope_left,
 )
-from tridentify.models.compiled_columns import largest
-from tridentify.models.compiled_regression import triangles_of
+from tridentify.estimation.likelihood.compiled_roots import inner_cascades, sorted_poles
 from tridentify.models.compiled_steps import coefficients_of
-from tridentify.models.compiled_whitening import whitened_triangles
 from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.numerics.compiled import compiled
-from tridentify.numerics.kernels.cascades import bank_parts, fill_cascade, solve_in_place
+from tridentify.numerics.kernels.cascades import solve_in_place
 from tridentify.numerics.kernels.small_eigenvalues import eigenvalues
 
-CHARTS = "Tuple((int64[:,::1], float64[::1], int64[:,::1], float64[:,::1], float64[::1]))"
-"""`models.flat_charts.FlatCharts`, but for its places."""
-SHAPE = (
-    "Tuple((int64[:,::1], int64[:,::1], int64[::1], int64[::1], int64[:,::1], int64[:,::1],"
-    " int64, boolean, int64[::1], float64[:,::1]))"
-)
-"""Triangle and column of each output, pattern, and which nuisance terms are kept."""
 SEEN = (
     "Tuple((float64[::1], float64[:,::1], float64[::1], float64[::1], float64[:,::1],"
     " float64[::1], float64[::1], float64))"
 )
 """Residual sums of squares, then what `compiled_cost.scores_at` gives."""
-LEAST_VARIANCE = 1e-300
-"""As in `likelihood.cost`."""
-
-
-@compiled("complex128[::1](complex128[::1])", inner=True)
-def sorted_poles(poles: Complex) -> Complex:
-    """As `numerics.realization.sort_poles`."""
-    n, count = poles.size, 0
-    units = np.empty(n, dtype=np.complex128)
-    for i in range(n):
-        z = poles[i]
-        if z.imag < 0.0:
-            continue
-        k = count
-        while k > 0 and (abs(z), z.imag) < (abs(units[k - 1]), units[k - 1].imag):
-            units[k] = units[k - 1]
-            k -= 1
-        units[k] = z
-        count += 1
-    found, at = np.empty(n, dtype=np.complex128), 0
-    for k in range(count):
-        found[at] = units[k]
-        at += 1
-        if units[k].imag > 0.0:
-            found[at] = units[k].conjugate()
-            at += 1
-    return found
-
-
-@compiled("(complex128[::1], int64[::1], int64[::1])", inner=True)
-def inner_cascades(poles: Complex, orders: Indices, firsts: Indices) -> tuple[Array, Array]:
-    """The cascade of every denominator, each pole once, side by side."""
-    a, b = np.zeros((poles.size, poles.size)), np.zeros(poles.size)
-    for g in range(orders.size):
-        at, end = firsts[g], firsts[g] + orders[g]
-        fill_cascade(poles[at:end], 1, a[at:end, at:end], b[at:end])
-    return a, b
 
 
 @compiled("boolean(complex128[::1], float64[::1])", inner=True, linked=True)
@@ -197,22 +157,6 @@ def step_back(
     return bool(np.isfinite(total))
 
 
-@compiled("void(float64[:,::1], float64[:,::1], float64[::1], float64[::1], int64)", inner=True)
-def shift_inputs(s: Array, a: Array, b: Array, constants: Array, states: int) -> None:
-    """Constants put back on the inputs, as `models.regression.restricted` does."""
-    q, one = b.size, states + constants.size
-    sides = np.empty((q, s.shape[0]))
-    for r in range(s.shape[0]):
-        for k in range(q):
-            sides[k, r] = s[r, k] - s[r, one] * b[k]
-    solve_in_place(a.copy(), sides)
-    for j in range(constants.size):
-        for r in range(s.shape[0]):
-            for k in range(q):
-                s[r, q * (j + 1) + k] += constants[j] * sides[k, r]
-            s[r, states + j] += constants[j] * s[r, one]
-
-
 @compiled(f"({CHARTS}, {SHAPE}, complex128[::1], float64[::1], float64[::1])", inner=True)
 def cost_there(
     charts: Any, shape: Any, poles: Complex, counts: Array, floors: Array
@@ -227,54 +171,14 @@ def cost_there(
     theta : array
         Coefficients.
     """
-    table, numbers, delayed, parts, clocks = charts
-    which, place, orders, firsts, group, zeros, leading, free, nuisance, constants = shape
-    a, b, basis, _, maps = bank_parts(poles, orders, 2, largest(orders))
-    q, n_inputs = b.size, group.shape[1]
-    signals = q * (n_inputs + leading) + table[0, 2]
-    height = signals + largest(table[:, 3].copy())
-    stack = np.zeros((table.shape[0], height, signals))
-    targets = np.zeros((*which.shape, height))
-    for c in range(table.shape[0]):
-        own = table[c]
-        n, wide, at = own[1], max(own[5], 1) + 1, own[10:]
-        w = numbers[at[0] : at[0] + n_inputs * wide * n].reshape((n_inputs, wide, n))
-        begun = numbers[at[1] : at[1] + n_inputs * wide].reshape((n_inputs, wide))
-        known = numbers[at[2] : at[2] + own[2] * n].reshape((own[2], n))
-        y = numbers[at[3] : at[3] + own[3] * n].reshape((own[3], n))
-        weight = numbers[at[4] : at[4] + own[4]]
-        one = a.reshape((1, q, q)), b.reshape((1, q))
-        given = clocks[c], own[5], w, delayed[c], parts[c], begun, known
-        if own[7] == 0:
-            r = triangles_of(*one, *given, y, weight, leading != 0, own[6])[0]
-        else:
-            columns = triangles_of(*one, *given, y[:0], weight[:0], leading != 0, own[6])
-            noise = numbers[at[5] : at[5] + own[7]]
-            seen = numbers[at[6] : at[6] + n] != 0.0
-            gain = numbers[at[7] : at[7] + own[8] * own[7]].reshape((own[8], own[7]))
-            scale = numbers[at[8] : at[8] + own[9]]
-            r = whitened_triangles(columns, y, noise, seen, gain, scale)[0]
-        for k in range(r.shape[0]):
-            for m in range(signals):
-                stack[c, k, m] = r[k, m]
-            for i in range(which.shape[1]):
-                if which[own[0], i] == c:
-                    targets[own[0], i, k] = r[k, signals + place[own[0], i]]
-        is_shifted = False
-        for j in range(constants.shape[1]):
-            is_shifted = is_shifted or constants[own[0], j] != 0.0
-        if is_shifted:
-            shift_inputs(stack[c], a, b, constants[own[0]], signals - table[0, 2])
-    rows, direct, started, costs, conditions, _, _, _, bases, ranks, residuals = fit_outputs(
-        stack, which, targets, leading, free, nuisance, orders, firsts, group, zeros, 2, basis
-    )
-    weights, objective = np.empty(counts.size), 0.0
-    for i in range(counts.size):
-        variance = max(costs[i] / counts[i] + floors[i], LEAST_VARIANCE)
-        weights[i] = 1.0 / np.sqrt(variance)
-        objective += counts[i] * np.log(variance)
+    _, _, orders, firsts, group, zeros, leading, free, _, _ = shape
+    bank, stack, _, _, linear = fit_there(charts, shape, poles, 2)
+    a, b, _, _, maps = bank
+    rows, direct, started, costs, conditions, _, _, _, bases, ranks, residuals = linear
+    weights = np.empty(counts.size)
+    objective = weigh_outputs(costs, counts, floors, weights)
     found = scores_at(
-        stack, which, leading, free, orders, firsts, group, 2, a, b, maps, rows, direct, started,
+        stack, shape[0], leading, free, orders, firsts, group, 2, a, b, maps, rows, direct, started,
         bases, ranks, residuals, weights, 0,
     )  # fmt: skip
     theta = coefficients_of(poles, rows, direct, orders, firsts, group, zeros, 2)
@@ -332,14 +236,13 @@ def descend(
     settled, least_gain, far_away, least_bend, most_bend, apart, most_damped = rules
     orders, firsts = shape[2], shape[3]
     samples, n = counts.sum(), poles.size
-    size, objective, taken, tried, note, goes_on = n, 0.0, 0, 0, 0, True
+    size, taken, tried, note, goes_on = n, 0, 0, 0, True
     for i in range(shape[5].shape[0]):
         for j in range(shape[5].shape[1]):
             size += shape[5][i, j] + 1
     thetas, costs, told = np.zeros((most, size)), np.zeros((most, counts.size)), np.zeros((most, 4))
+    objective = weigh_outputs(seen[0], counts, floors, np.empty(counts.size))
     for i in range(counts.size):
-        variance = max(seen[0][i] / counts[i] + floors[i], LEAST_VARIANCE)
-        objective += counts[i] * np.log(variance)
         goes_on = goes_on and seen[0][i] >= exact[i]
     goes_on = goes_on and not is_slow(poles, limits)
     while goes_on and tried < most:

@@ -36,6 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.estimation.likelihood.bank import Bank
+from tridentify.estimation.likelihood.charted import fitted
 from tridentify.estimation.likelihood.fitted_point import FittedPoint
 from tridentify.estimation.likelihood.held_poles import at_slow_limit, conditions, left_by
 from tridentify.estimation.likelihood.linear_fit import Linear
@@ -55,6 +56,10 @@ from tridentify.numerics.realization import numerators, roots_of
 FAR = 0.1
 """Fall of ``-2 log L`` a sample that a step promises, above which the quadratic it rests on is not
 that of the end: 5 % of the residual. What is poor now may lead elsewhere, so no pole is held."""
+
+
+CARRIED = frozenset({"variance", "objective", "weights", "seen", "_decomposition", "_undamped"})
+"""What `Point.carried_to` need not work out again."""
 
 
 class Point(FittedPoint):
@@ -90,6 +95,13 @@ class Point(FittedPoint):
         )
         found = Decomposition(None, s, vt, scale, projection, total, "")
         return scores, residual, found
+
+    def carried_to(self, problem: Problem) -> Point:
+        """The same place in a problem of the same samples, orders and nuisance terms."""
+        found = replace(self, problem=problem)
+        known = {name: value for name, value in vars(self).items() if name in CARRIED}
+        vars(found).update(known)
+        return found
 
     @property
     def _scores(self) -> tuple[Array, Array]:
@@ -305,6 +317,10 @@ def evaluate(
     """
     if delays is not None:
         problem = replace(problem.delayed(delays), pinned=pinned)
+    elif regressions is None:
+        found = fitted(problem, None, poles, repeats)
+        if found is not None:
+            return Point(problem, found[0].bank.poles, *found)
     bank = bank_of(problem, poles, repeats)
     if regressions is None:
         regressions = tuple(regress(e, bank.cascade) for e in problem.experiments)
@@ -321,6 +337,10 @@ def evaluate_variant(
     """As `evaluate`, for a choice of nuisance terms of a problem that has more of them."""
     if delays is not None:
         base = base.delayed(delays)
+    else:
+        found = fitted(base, variant, poles, repeats)
+        if found is not None:
+            return Point(variant.problem(base), found[0].bank.poles, *found)
     bank = bank_of(base, poles, repeats)
     whole = tuple(regress(e, bank.cascade) for e in base.experiments)
     return point_at(variant.problem(base), Triangles.of(whole, bank, variant))

@@ -10,13 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tridentify.estimation.likelihood.bend import LEAST_BEND, MOST_BEND
+from tridentify.estimation.likelihood.charted import Given, given, limits_of
 from tridentify.estimation.likelihood.cost import FAR, Point, evaluate, evaluate_variant
 from tridentify.estimation.likelihood.fitted_point import FLOOR
-from tridentify.estimation.likelihood.problem import (
-    LEAST_DAMPED,
-    REFLECTED,
-    TOO_FAST,
-)
+from tridentify.estimation.likelihood.problem import REFLECTED, TOO_FAST
 from tridentify.estimation.likelihood.step import Bend
 from tridentify.estimation.likelihood.thresholds import IDLE
 from tridentify.numerics.arrays import Array
@@ -66,6 +63,8 @@ class Descent:
         What the last step told.
     is_open : bool
         Whether machine code can do anything from here.
+    awaited : callable, optional
+        Gives ``bend`` where it has not been worked out: after the last step nobody asks.
     """
 
     at: Callable[..., Point]
@@ -77,6 +76,13 @@ class Descent:
     tried: int = 0
     bend: Bend | None = None
     is_open: bool = True
+    awaited: Callable[[], Bend | None] | None = None
+
+    def turn(self) -> Bend | None:
+        """What the last step tells, worked out for the next one."""
+        if self.awaited is not None:
+            self.bend, self.awaited = self.awaited(), None
+        return self.bend
 
     @property
     def is_over(self) -> bool:
@@ -84,9 +90,9 @@ class Descent:
         return self.idle > 2 or self.damping > MOST_DAMPED
 
     @cached_property
-    def given(self) -> tuple[Any, Any] | None:
+    def given(self) -> Given | None:
         """What machine code is given of the cost; None where it does not know it."""
-        return _given(self.at)
+        return _told(self.at)
 
     def running(self, point: Point, most: int, exact: float) -> Slices[tuple[Point, list[Taken]]]:
         """As many steps as machine code can take.
@@ -116,9 +122,9 @@ class Descent:
 
         far, n_poles = FAR * float(counts.sum()), problem.n_poles
         scales = np.stack([counts, FLOOR * problem.power, exact * problem.size * counts])
-        limits = np.array([problem.fastest, problem.slowest, problem.nyquist, LEAST_DAMPED])
+        limits = limits_of(problem)
         rules = np.array([self.settled, IDLE, far, LEAST_BEND, MOST_BEND, APART, MOST_DAMPED])
-        direction, excess = self.bend or (np.zeros(n_poles), np.nan)
+        direction, excess = self.turn() or (np.zeros(n_poles), np.nan)
         state, seen = np.array([self.damping, self.growth, excess]), point.seen
         direction, poles = np.array(direction), point.poles
         now: Any = point.rss, *seen[:2], *seen[2][1:6]
@@ -141,24 +147,10 @@ class Descent:
         return (self.at(poles) if taken else point), taken
 
 
-def _given(at: Callable[..., Point]) -> tuple[Any, Any] | None:
+def _told(at: Callable[..., Point]) -> Given | None:
     if not isinstance(at, partial) or at.keywords:
         return None
     if at.func not in (evaluate, evaluate_variant):
         return None
     problem, variant = (*at.args, None)[:2]
-    flat, e = problem.flat, problem.experiments[0]
-    if flat is None:
-        return None
-    free, offset, drift, constants = e.free, e.offset, e.drift, np.zeros((0, 0))
-    if variant is not None:
-        free, offset, drift = variant.free, offset and variant.offset, drift and variant.drift
-        if any(one is not None and one.any() for one in variant.constants):
-            if any(one.leads is not None for one in problem.experiments):
-                return None
-            none = np.zeros(problem.n_inputs)
-            constants = np.array([none if one is None else one for one in variant.constants])
-    first = 2 * problem.n_poles * (problem.n_inputs + e.free) + problem.n_inputs
-    nuisance = np.array([first] * offset + [first + e.offset] * drift, dtype=np.int64)
-    shape = flat.which, flat.place, *problem.pattern, int(e.free), free, nuisance, constants
-    return flat[:5], shape
+    return given(problem, variant)

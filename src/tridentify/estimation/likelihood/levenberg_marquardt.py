@@ -6,7 +6,8 @@ is, that is when the coefficients move by far less than their standard errors.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -90,6 +91,10 @@ class Recorder:
             theta, square = coefficients(point), mean_square(point)
             return Pass(number, steps(), theta, square, beta_distance, point.gradient, note)
 
+        self.later(made)
+
+    def later(self, made: Callable[[int], Pass]) -> None:
+        """Add one pass that is worked out, of its number, when it is asked for."""
         self._awaited.append(made)
 
     def follow(self, taken: Sequence[Taken], end: Point) -> None:
@@ -147,11 +152,14 @@ def criterion(point: Point, decrease: float = 0.0) -> float:
         ``sum_i N_i log(RSS_i / N_i) + 2 k + 2 k (k + 1) / (N - k - 1)``.
     """
     problem = point.problem
-    n = point.counts
-    left = point.rss if decrease == 0.0 else np.exp(-decrease / n.sum()) * point.rss
-    likelihood = float(n @ np.log(left / n + ROUNDING_SQUARED * problem.size))
+    n = float(point.counts.sum())
+    share, likelihood = math.exp(-decrease / n), 0.0
+    # one by one: they are few
+    for rss, count, size in _by_output(point):
+        variance = share * rss / count + ROUNDING_SQUARED * size
+        likelihood += count * (math.log(variance) if variance else -math.inf)
     k = problem.n_coefficients + problem.n_nuisance + problem.n_outputs
-    return likelihood + aicc_price(float(k), float(n.sum()))
+    return likelihood + aicc_price(float(k), n)
 
 
 def at_rounding(point: Point) -> bool:
@@ -161,11 +169,13 @@ def at_rounding(point: Point) -> bool:
 
 def _exact(point: Point) -> list[bool]:
     """Of each output, whether the residual is no more than rounding."""
-    # one by one: they are few
-    outputs = zip(
-        point.rss.tolist(), point.counts.tolist(), point.problem.size.tolist(), strict=True
-    )
-    return [rss < ROUNDING_SQUARED * size * n for rss, n, size in outputs]
+    return [rss < ROUNDING_SQUARED * size * n for rss, n, size in _by_output(point)]
+
+
+def _by_output(point: Point) -> Iterator[tuple[float, float, float]]:
+    """Residual sum of squares, samples, and mean square of every output."""
+    columns = point.rss, point.counts, point.problem.size
+    return zip(*(one.tolist() for one in columns), strict=True)
 
 
 def _gain(point: Point, trial: Point) -> float:
@@ -236,7 +246,7 @@ def finishing(
             return point, status_at(point.held or now.held), why
         yield
         now.tried += 1
-        proposed, predicted, delays, change = point.step(now.damping, now.bend)
+        proposed, predicted, delays, change = point.step(now.damping, now.turn())
         poles, note = problem.admissible(proposed)
         trial = at(poles) if delays is None else _late(at, poles, delays, problem)
         gain = _gain(point, trial)
@@ -255,7 +265,8 @@ def finishing(
         damping = now.damping * max(1.0 / 3.0, 1.0 - (2.0 * ratio - 1.0) ** 3)
         # what was damped before a pole came to its limit says nothing of the directions left
         now.damping = 0.0 if damping < 1e-6 or trial.held != point.held else damping
-        now.bend = None if note or delays is not None else bend_of(point, change, trial)
+        now.bend, bent = None, not note and delays is None
+        now.awaited = partial(bend_of, point, change, trial) if bent else None
         point, now.held, now.is_open = trial, note, not exact
         now.growth = 2.0
         now.idle = now.idle + 1 if gain < IDLE else 0

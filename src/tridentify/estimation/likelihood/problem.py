@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -204,6 +204,11 @@ class Problem:
     def flat(self) -> FlatCharts | None:
         """Its experiments for machine code; None where that does not serve."""
         return FlatCharts.of(self.experiments)
+
+    @cached_property
+    def charted(self) -> dict[Variant | None, Any]:
+        """What machine code is given of choices of nuisance terms (`charted.given`)."""
+        return {}
 
     @cached_property
     def smaller(self) -> dict[Variant, Problem]:

@@ -9,7 +9,9 @@ import numpy as np
 
 from tridentify.estimation.likelihood.bank import Bank
 from tridentify.estimation.likelihood.problem import Variant
-from tridentify.models.regression import Layout, Regression
+from tridentify.models.columns import Layout, Regression
+from tridentify.models.experiment import Experiment
+from tridentify.models.regression import regressions_in
 from tridentify.numerics.arrays import Array, Indices
 from tridentify.numerics.kept import cached_property
 
@@ -20,8 +22,6 @@ class Triangles:
 
     Attributes
     ----------
-    whole : tuple of Regression
-        With all columns that there are.
     variant : Variant, optional
         Which nuisance terms are kept (default: all).
     bank : Bank
@@ -35,9 +35,14 @@ class Triangles:
     free : bool
     nuisance : (k,) int array
         The columns of constant and ramp that are kept.
+    counts : (n_outputs,) array
+        Samples used.
+    experiments : tuple of Experiment
+        What they were made of.
+    given : tuple of Regression
+        The same one by one; empty where they are made of the stack when somebody asks.
     """
 
-    whole: tuple[Regression, ...]
     variant: Variant | None
     bank: Bank
     stack: Array
@@ -46,6 +51,9 @@ class Triangles:
     layout: Layout
     free: bool
     nuisance: Indices
+    counts: Array
+    experiments: tuple[Experiment, ...] = ()
+    given: tuple[Regression, ...] = ()
 
     @classmethod
     def of(
@@ -70,7 +78,16 @@ class Triangles:
         nuisance += [last] * (layout.drift and terms.drift)
         stack, which, targets = _stacked(whole)
         columns = np.array(nuisance, dtype=np.int64)
-        return cls(whole, kept, bank, stack, which, targets, layout, terms.free, columns)
+        counts = np.array(np.sum([one.counts for one in whole], axis=0), dtype=np.float64)
+        own = kept, bank, stack, which, targets, layout, terms.free, columns, counts
+        return cls(*own, given=whole)
+
+    @cached_property
+    def whole(self) -> tuple[Regression, ...]:
+        """Experiment by experiment, with all columns that there are."""
+        if self.given:
+            return self.given
+        return regressions_in(self.experiments, self.layout, self.stack, self.targets)
 
     @property
     def of_base(self) -> bool:
@@ -91,12 +108,6 @@ class Triangles:
         if self.variant is None:
             return self.whole
         return self.variant.regressions(self.whole, self.bank.cascade)
-
-    @cached_property
-    def counts(self) -> Array:
-        """(n_outputs,) samples used."""
-        table = [one.counts for one in self.whole]
-        return np.array(table[0] if len(table) == 1 else np.sum(table, axis=0), dtype=np.float64)
 
     def unstacked(self, series: Array) -> Array:
         """Rows of all experiments of one output, without those that only fill up."""

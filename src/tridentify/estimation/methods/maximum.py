@@ -12,10 +12,12 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
 
+import numpy as np
+
 from tridentify.estimation.answer.trace import Awaited, Start, Status, Trace
 from tridentify.estimation.likelihood.answer import Ending
 from tridentify.estimation.likelihood.choose_nuisance import Finished, decide
-from tridentify.estimation.likelihood.cost import evaluate
+from tridentify.estimation.likelihood.cost import Point, evaluate
 from tridentify.estimation.likelihood.levenberg_marquardt import (
     Recorder,
     coefficients,
@@ -74,7 +76,9 @@ def maximum(question: Question, starts: Starts) -> Maximum:
     starts : Starts
         From `search.search`.
     """
-    found = decide(question, starts.seeds, starts.triangles)
+    reached = _only_end(question, starts)
+    known = starts.triangles if reached is None else {}
+    found = decide(question, starts.seeds, known, reached)
     best = Maximum(found.best, found.decisions, starts.trails[found.seed], starts.tried)
     if best.end.status in SOUND:
         return best
@@ -85,6 +89,15 @@ def maximum(question: Question, starts: Starts) -> Maximum:
     if other.best.criterion < best.end.criterion:
         best = replace(best, end=other.best, decisions=other.decisions)
     return best
+
+
+def _only_end(question: Question, starts: Starts) -> Point | None:
+    """Where the search ended, if there is nothing to choose from there."""
+    end = starts.reached
+    if end is None or len(starts.seeds) > 1 or len(question.choices) > 1:
+        return None
+    is_own = end.problem is question.variants[0].problem(question.base)
+    return end if is_own and np.array_equal(end.poles, starts.seeds[0]) else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -146,7 +146,7 @@ class Search:
         self._keep(point.poles)
         triangles = point.triangles
         if found.base is base and triangles.of_base and triangles.bank.repeats == 2:
-            self.known = KnownTriangles(point.poles, triangles.whole)
+            self.known = KnownTriangles(point.poles, point=point)
 
     def trying_again(self, base: Problem, variant: Variant, poles: Complex) -> Slices[Complex]:
         """`search_again` in slices."""
@@ -263,7 +263,7 @@ class Search:
             self.scan = Scan(found.base, found.variant, found.point.poles, [])
             return found.point
         at = partial(evaluate_variant, found.base, found.variant)
-        start = at(found.point.poles)
+        start = _with_slopes(found.base, found.variant, found.point)
         best = (yield from finishing(at, start, self.recorder, MOST_TRIED))[0]
         if found.settled and self.hastens and is_known(best):
             # a richer model misses nothing, and no pole can be spared for another place
@@ -345,7 +345,7 @@ class Search:
                     return end.point, own
             at = partial(evaluate_variant, base, variant)
             yield
-            start = evaluate_variant(base, variant, point.poles)
+            start = _with_slopes(base, variant, point)
             point = (yield from finishing(at, start, own, MOST_TRIED))[0]
             self.ends.append(Met(base, variant, point))
         return point, own
@@ -381,12 +381,19 @@ def is_known(point: Point) -> bool:
     return shown and point.looseness <= CERTAIN
 
 
+def _with_slopes(base: Problem, variant: Variant, point: Point) -> Point:
+    """The same place, on a bank that steps on the cost begin from."""
+    known = point.problem is variant.problem(base) and point.triangles.bank.repeats == 2
+    return point if known else evaluate_variant(base, variant, point.poles)
+
+
 def explained(point: Point) -> float:
     """Fall of -2 log L from offset and drift alone to the model: little where all is noise."""
     total, triangles = 0.0, point.triangles
     for i, cost in enumerate(point.rss.tolist()):
-        own = [(one.signals[i][:, triangles.nuisance], one.targets[i]) for one in triangles.whole]
-        rest = sum(solve(terms, target).cost for terms, target in own)
+        rest = 0.0
+        for t, target in zip(triangles.which[:, i], triangles.targets[:, i], strict=True):
+            rest += solve(triangles.stack[t][:, triangles.nuisance], target).cost
         total += float(point.counts[i] * np.log(max(rest / cost, 1.0)))
     return total
 

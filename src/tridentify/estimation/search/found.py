@@ -40,12 +40,14 @@ class SearchEnd:
 class KnownTriangles:
     """Triangles of the whole record at poles, for whoever begins there, and if it ends there too.
 
-    ``white`` says that the residual there passed for white noise.
+    ``white`` says that the residual there passed for white noise; ``point`` is the fit there, in
+    place of ``whole``.
     """
 
     poles: Complex
-    whole: tuple[Regression, ...]
+    whole: tuple[Regression, ...] = ()
     white: bool = False
+    point: Point | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +126,16 @@ class Starts:
     @property
     def triangles(self) -> dict[bytes, tuple[Regression, ...]]:
         """Triangles of the whole record that exist already, by the bytes of the seed."""
-        return {} if self.known is None else {self.known.poles.tobytes(): self.known.whole}
+        known = self.known
+        if known is None:
+            return {}
+        whole = known.whole if known.point is None else known.point.triangles.whole
+        return {known.poles.tobytes(): whole}
+
+    @property
+    def reached(self) -> Point | None:
+        """Where the search ended, if that was a fit to all samples."""
+        return None if self.known is None else self.known.point
 
     def saw_white(self, point: Point) -> bool:
         """Whether the search saw that the residual of this very point passes for white noise."""

@@ -13,14 +13,30 @@ record not equal to, those of the output-error minimum; `likelihood.levenberg_ma
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
-from tridentify.estimation.answer.estimate import Step
+from tridentify.estimation.answer.estimate import Pass, Step
 from tridentify.estimation.answer.trace import pairs
+from tridentify.estimation.likelihood.charted import Given, given, limits_of
 from tridentify.estimation.likelihood.cost import Point, evaluate_variant
-from tridentify.estimation.likelihood.levenberg_marquardt import Recorder, at_rounding
-from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.likelihood.descent import TOGETHER
+from tridentify.estimation.likelihood.fitted_point import FLOOR
+from tridentify.estimation.likelihood.levenberg_marquardt import (
+    ROUNDING_SQUARED,
+    Recorder,
+    at_rounding,
+    coefficients,
+    mean_square,
+)
+from tridentify.estimation.likelihood.problem import (
+    REFLECTED,
+    TOO_FAST,
+    TOO_SLOW,
+    Problem,
+    Variant,
+)
 from tridentify.estimation.likelihood.thresholds import PASS_HELPED
 from tridentify.models.parallel import ParallelFit, fit_parallel
 from tridentify.models.series import SeriesFit, fit_series
@@ -30,12 +46,14 @@ from tridentify.numerics.slices import Slices
 
 MOST_ADAPTED = 12
 """Most adapted passes: steps on the cost do the rest."""
+NOTES = "", REFLECTED, TOO_FAST, TOO_SLOW
+"""What was done to the poles of a pass, as `compiled_roots` counts it."""
 
 
 def adapting(
     base: Problem, variant: Variant, poles: Complex, recorder: Recorder, most: int = MOST_ADAPTED
 ) -> Slices[Point]:
-    """Adapted passes from given poles; the best point met. In slices, two a pass.
+    """Adapted passes from given poles; the best point met. In slices, at most two a pass.
 
     Parameters
     ----------
@@ -50,6 +68,9 @@ def adapting(
     most : int
         Most passes.
     """
+    known = given(base, variant)
+    if known is not None:
+        return (yield from _in_machine_code(known, base, variant, poles, recorder, most))
     best: Point | None = None
     worse = 0
     note = ""
@@ -68,6 +89,42 @@ def adapting(
         poles, note = base.admissible(found)
     assert best is not None
     return best
+
+
+def _in_machine_code(
+    known: Given, base: Problem, variant: Variant, poles: Complex, recorder: Recorder, most: int
+) -> Slices[Point]:
+    """`adapting`, many passes a call."""
+    from tridentify.estimation.search.compiled_passes import adapted
+
+    flat = base.flat
+    assert flat is not None
+    scales = np.stack([flat.counts, FLOOR * base.power, ROUNDING_SQUARED * base.size * flat.counts])
+    state, limits = np.array([np.inf, 0.0]), limits_of(base)
+    together = max(1, TOGETHER // sum(e.n_samples for e in base.experiments))
+    lowest, best, note, made, is_over = np.inf, poles, "", 0, False
+    poles = np.ascontiguousarray(poles, dtype=np.complex128)
+    while made < most and not is_over:
+        yield
+        count = min(together, most - made)
+        is_over, count, visited, notes, costs, poles = adapted(
+            *known, base.biproper, poles, scales, limits, PASS_HELPED, state, count
+        )
+        for place, cost, done in zip(visited[:count], costs.tolist(), notes.tolist(), strict=False):
+            recorder.later(partial(_pass_at, base, variant, place, note))
+            note = NOTES[done]
+            if cost < lowest:
+                lowest, best = cost, place
+        made += count
+    yield
+    return evaluate_variant(base, variant, best)
+
+
+def _pass_at(base: Problem, variant: Variant, poles: Complex, note: str, number: int) -> Pass:
+    """A pass for the trace."""
+    point = evaluate_variant(base, variant, poles, 3)
+    steps, theta = both_steps(point)[0](), coefficients(point)
+    return Pass(number, steps, theta, mean_square(point), np.nan, point.gradient, note)
 
 
 def both_steps(point: Point) -> tuple[Callable[[], tuple[Step, ...]], Complex]:
