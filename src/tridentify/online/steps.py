@@ -31,6 +31,7 @@ from tridentify.online.scatter import tells, with_scatter
 from tridentify.online.search import record_of
 from tridentify.online.second_look import doubted
 from tridentify.online.summary import change_columns, on_order, seen, summarise, transfer
+from tridentify.online.unexplained import response_finding
 from tridentify.record.record import Record
 
 ELSEWHERE = 0.5
@@ -287,7 +288,11 @@ def estimate_of(
         cov = doubted(setting, again, found.theta, cov)
     count = int(x[slots.COUNT])
     asked = Request((record,), setting.structure, method, count, record.dt, fingerprint="")
-    return assemble(asked, replace(found, cov=cov, findings=noise_finding(white, cov)))
+    told = noise_finding(white, cov)
+    if again is not None:
+        std = np.sqrt(np.diagonal(white))
+        told = (*response_finding(setting, again, found.theta, std), *told)
+    return assemble(asked, replace(found, cov=cov, findings=told))
 
 
 def stand_in(setting: Setting, first: Array) -> Record:

@@ -25,6 +25,9 @@ STEPS_TO_A_START = 10
 """Typical steps by which time goes back where another run begins, and the fewest rows of one:
 samples that were written out of order go back by a few."""
 
+HOUR = 3600.0
+"""By which clocks go back [s] at the end of summer time."""
+
 TIME_TOLERANCE = 1e-3
 """Largest departure from a uniform time axis, in steps, that counts as rounding."""
 
@@ -208,6 +211,12 @@ def check_increasing(time: Array) -> None:
     ...
     tridentify.errors.TimeNotIncreasingError: found t[20] = 0 s after t[19] = 19 s: 2 runs below
     each other; expected one run; give each as a record of its own
+    >>> check_increasing(np.r_[0.0:7200.0:60.0, 3600.0:9000.0:60.0])
+    Traceback (most recent call last):
+    ...
+    tridentify.errors.TimeNotIncreasingError: found t[120] = 3600 s after t[119] = 7140 s, an hour
+    back and a step on: a clock set back, as at the end of summer time; expected strictly increasing
+    time; add 3600 s to the times from there on, or log in UTC
     """
     step = np.diff(time)
     if np.all(step > 0.0):
@@ -215,6 +224,19 @@ def check_increasing(time: Array) -> None:
     index = int(np.argmin(step > 0.0))
     found = f"found t[{index + 1}] = {time[index + 1]:.9g} s after t[{index}] = {time[index]:.9g} s"
     starts = int(np.sum(step < -STEPS_TO_A_START * np.median(np.abs(step))))
+    usual = float(np.median(step))
+    back = float(step[index]) + HOUR - usual
+    # a second run of an hour begins where the first one did
+    if (
+        np.sum(step <= 0.0) == 1
+        and 2.0 * abs(back) < usual < HOUR
+        and time[index + 1] > time[0] + usual
+    ):
+        raise TimeNotIncreasingError(
+            f"{found}, an hour back and a step on: a clock set back, as at the end of summer time; "
+            "expected strictly increasing time; add 3600 s to the times from there on, or log in "
+            "UTC"
+        )
     if 0 < starts <= step.size / STEPS_TO_A_START:
         raise TimeNotIncreasingError(
             f"{found}: {starts + 1} runs below each other; expected one run; give each as a record "
