@@ -203,6 +203,23 @@ def test_what_was_decided_is_held():
     assert _held(coloured, ThreeModel(noise="white")).noise == "white"
 
 
+def test_copies_have_the_noise_of_each_experiment():
+    model = TransferFunction([2.0], [1.0, 4.0])
+    rng, records = np.random.default_rng(21), []
+    for noise in (0.02, 0.4):
+        u = np.repeat(rng.choice([-1.0, 1.0], 30), 5)
+        y = simulate(model, Record(u, u, dt=DT))[:, 0]
+        records.append(Record(u, y + noise * rng.standard_normal(u.size), dt=DT))
+    estimate = identify(records, Structure(1, 0, offset=False, initial_state="rest"))
+    assert len(estimate.noise_levels) == 2
+    drawn = NoiseModel.of(estimate)
+    spread = [float(drawn.draw(rng, 5000, e).std()) for e in (0, 1)]
+    assert spread == pytest.approx([0.02, 0.4], rel=0.2)
+    copies = bootstrap(estimate, records, n_draws=16, seed=3)
+    # a standard deviation of 16 draws is known to 18 %
+    assert copies.theta.std(axis=0) == pytest.approx(estimate.std, rel=0.6)
+
+
 @pytest.mark.slow
 def test_coloured_noise_is_stationary_from_the_first_sample():
     row = np.array([-1.2, 0.5])

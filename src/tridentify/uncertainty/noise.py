@@ -26,6 +26,8 @@ class NoiseModel:
     ----------
     deviation : ndarray, shape (n_outputs,)
         Standard deviation of the noise, coloured or not [output units].
+    levels : tuple of ndarray, shape (n_outputs,) each
+        The same for every experiment; empty where it is one for all.
     autoregression : tuple of ndarray
         For every output the coefficients ``(d_1, ..., d_p)``; empty for white noise.
 
@@ -39,10 +41,11 @@ class NoiseModel:
 
     deviation: Array
     autoregression: tuple[Array, ...]
+    levels: tuple[Array, ...] = ()
 
     @classmethod
     def of(cls, estimate: Estimate) -> NoiseModel:
-        """The noise that the estimate found: its variance, and its colour where it has one.
+        """The noise that the estimate found: its levels, and its colour where it has one.
 
         Raises
         ------
@@ -55,9 +58,10 @@ class NoiseModel:
                     f"found the noise model {row.round(6).tolist()}, which is not stationary; "
                     "expected one that is; identify with noise='white', and a drift or an offset"
                 )
-        return cls(np.sqrt(estimate.noise_variance), estimate.noise_model)
+        deviation = np.sqrt(estimate.noise_variance)
+        return cls(deviation, estimate.noise_model, estimate.noise_levels)
 
-    def draw(self, rng: np.random.Generator, n_samples: int) -> Array:
+    def draw(self, rng: np.random.Generator, n_samples: int, experiment: int = 0) -> Array:
         """Noise of one experiment, shape (n_samples, n_outputs) [output units]."""
         from scipy.signal import lfilter, lfiltic  # slow to import, seldom needed
 
@@ -67,7 +71,8 @@ class NoiseModel:
                 root, spread = _stationary(row)
                 start = lfiltic([1.0], [1.0, *row], root @ rng.standard_normal(row.size))
                 noise[:, i] = lfilter([1.0], [1.0, *row], noise[:, i], zi=start)[0] / spread
-        return np.asarray(noise * self.deviation, dtype=np.float64)
+        deviation = self.levels[experiment] if self.levels else self.deviation
+        return np.asarray(noise * deviation, dtype=np.float64)
 
 
 def _stationary(row: Array) -> tuple[Array, float]:

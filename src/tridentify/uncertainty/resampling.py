@@ -308,7 +308,9 @@ def bootstrap(
 def identify_copy(task: _Task) -> _Outcome:
     """Draw the noise of one copy and identify it; an exception is an outcome, too."""
     rng = np.random.default_rng(task.seed)
-    copies = [_with(r, r.y + task.noise.draw(rng, r.n_samples)) for r in task.clean]
+    copies = [
+        _with(r, r.y + task.noise.draw(rng, r.n_samples, e)) for e, r in enumerate(task.clean)
+    ]
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
@@ -403,6 +405,8 @@ def _held(estimate: Estimate, method: Method) -> Method:
     if getattr(method, "noise", None) != "auto" or not dataclasses.is_dataclass(method):
         return method
     coloured = any(row.size for row in NoiseModel.of(estimate).autoregression)
+    if estimate.noise_levels and not coloured:
+        return method  # "white" takes one level for all experiments
     held: Any = dataclasses.replace(method, noise="ar" if coloured else "white")
     return held
 
