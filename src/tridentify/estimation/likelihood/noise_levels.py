@@ -32,6 +32,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.special import chdtrc, fdtrc
@@ -206,10 +207,8 @@ def noise_sizes(records: Sequence[Record], output: int) -> tuple[float, ...]:
     return tuple(1.0 if one is None else float(one[output]) for one in scales)
 
 
-_weighed: list[tuple[Record, Record]] = []
-
-KEPT = 16
-"""Weighted records that are kept: who looks at an estimate next is given the same ones."""
+_beside: WeakKeyDictionary[Record, Record] = WeakKeyDictionary()
+"""Every record as it was weighed last: who looks at an estimate next is given the same ones."""
 
 
 def weighed(records: Sequence[Record], levels: Sequence[Array]) -> list[Record]:
@@ -225,9 +224,11 @@ def weighed(records: Sequence[Record], levels: Sequence[Array]) -> list[Record]:
         return list(records)
     found = []
     for record, scale in zip(records, scales_of(levels, records), strict=True):
-        same = (b for a, b in list(_weighed) if a is record and np.all(b._noise_scale == scale))
-        own = next(same, None) or record._weighed(scale)
-        if own is not record:
-            _weighed[:] = [*_weighed[1 - KEPT :], (record, own)]
+        own = _beside.get(record)
+        known = None if own is None else own._noise_scale
+        if own is None or known is None or not np.array_equal(known, scale):
+            own = record._weighed(scale)
+            if own is not record:
+                _beside[record] = own
         found.append(own)
     return found
