@@ -17,7 +17,9 @@ from tridentify import (
     simulate,
     validate,
 )
+from tridentify.cli.tables import estimate_document
 from tridentify.estimation.likelihood.noise_levels import NoiseLevels
+from tridentify.report.tables import result_tables
 
 PLANT = TransferFunction([2.0, 3.0], [1.0, 1.1, 4.0])
 ORDER = Structure(2, 1)
@@ -59,6 +61,11 @@ def test_nothing_speaks_against_it_and_files_know_it(seed, tmp_path):
     assert np.array_equal(loaded.noise_levels, found.noise_levels)
     assert validate(loaded, records).ok
     assert f"experiment 2  {np.ravel(found.noise_levels)[1]:.4g}" in found.summary()
+    table = next(one for one in result_tables(found) if one.heading.startswith("Noise of each"))
+    assert [row[0] for row in table.rows] == ["experiment 1", "experiment 2"]
+    assert estimate_document(found, records)["noise_levels"] == [
+        one.tolist() for one in found.noise_levels
+    ]
 
 
 @pytest.mark.unjudged

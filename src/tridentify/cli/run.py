@@ -114,5 +114,6 @@ def estimate_blocks(
         estimate.model_text(),
         tables.coefficient_table(estimate),
         tables.fit_table(estimate),
+        *tables.noise_tables(estimate),
         *tables.describe_notes(estimate, verbose=verbose),
     ]

@@ -93,6 +93,13 @@ def fit_table(estimate: Estimate) -> Table:
     return make_table(("output", "fit [%]", "noise std", "unit"), [rows])
 
 
+def noise_tables(estimate: Estimate) -> list[Table]:
+    """The noise of each experiment, where these have levels of their own."""
+    levels = estimate.noise_level_rows()
+    titles = ("noise std", *(short(name, IN_TABLES) for name in estimate.output_names))
+    return [make_table(titles, [list(levels)])] if levels else []
+
+
 def along(estimate: Estimate) -> tuple[Parameter, ...]:
     """Offsets and drifts that were estimated along."""
     return tuple(Parameter(*row) for row in estimate.nuisance_rows())
@@ -214,6 +221,7 @@ def estimate_document(estimate: Estimate, records: Sequence[Record]) -> dict[str
         "derived": [entry(item) for item in derived(estimate)],
         "estimated_along": [entry(item) for item in along(estimate)],
         "fit": fits(estimate),
+        "noise_levels": [one.tolist() for one in estimate.noise_levels],
         "errors": estimate.errors,
         "loss": estimate.loss,
         "outliers": _outliers(estimate),

@@ -68,6 +68,10 @@ def result_tables(estimate: Estimate) -> list[ReportTable]:
     ]
     note = "Fit 100 % is a residual of zero, 0 % is no better than the mean of the output."
     tables.append(ReportTable("Fit", ("output", "fit [%]", "noise std", "unit"), fits, note=note))
+    if levels := estimate.noise_level_rows():
+        head = ("noise std", *(short(name, IN_TABLES) for name in estimate.output_names))
+        note = "Samples count by the noise of their experiment."
+        tables.append(ReportTable("Noise of each experiment", head, list(levels), note=note))
     return tables
 
 
