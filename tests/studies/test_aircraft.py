@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
+from oracles import cramer_rao
 from tridentify.errors import IdentifiabilityError, OptionError, TridentifyError
 from tridentify.models.simulate import simulate
 from tridentify.plots.study import (
@@ -34,11 +35,7 @@ from tridentify.studies.aircraft_result import (
     Condition,
     Event,
 )
-from tridentify.studies.cramer_rao import (
-    cramer_rao_covariance,
-    information_factor,
-    output_sensitivities,
-)
+from tridentify.studies.cramer_rao import information_factor, output_sensitivities
 from tridentify.studies.processes import THREADS, run_batches
 from tridentify.studies.step_2_alone import step_2_alone
 from tridentify.transfer_function import TransferFunction
@@ -110,20 +107,21 @@ def test_bound_is_the_one_measured_before():
     clean = noise_free_record(100, 0.05)
     psi = output_sensitivities(PLANT, clean.u[:, 0], 0.05)
     rms = np.sqrt(np.mean(clean.y**2))
-    found = [np.sqrt(cramer_rao_covariance(psi, (r * rms) ** 2)[0, 0]) for r in (0.5, 1, 2, 3)]
+    found = [np.sqrt(cramer_rao(psi, (r * rms) ** 2)[0, 0]) for r in (0.5, 1, 2, 3)]
     np.testing.assert_allclose(found, [0.26, 0.52, 1.04, 1.55], atol=0.006)
 
 
-def test_covariance_is_the_inverse_information():
+def test_factor_is_a_root_of_the_information():
     psi = output_sensitivities(PLANT, np.ones(100), 0.05)
-    expected = 0.3 * np.linalg.inv(psi.T @ psi)
-    np.testing.assert_allclose(cramer_rao_covariance(psi, 0.3), expected, rtol=1e-9)
+    factor = information_factor(psi)
+    np.testing.assert_allclose(factor.T @ factor, psi.T @ psi, rtol=1e-9)
+    np.testing.assert_allclose(cramer_rao(psi, 0.3), 0.3 * np.linalg.inv(psi.T @ psi), rtol=1e-9)
 
 
 @pytest.mark.parametrize("psi", [np.ones((5, 2)), np.ones((1, 2))])
 def test_no_bound_for_dependent_sensitivities(psi):
     with pytest.raises(IdentifiabilityError, match="linearly dependent"):
-        cramer_rao_covariance(psi, 1.0)
+        information_factor(psi)
 
 
 # ---------------------------------------------------------------------------------- Step 2 alone
@@ -335,10 +333,10 @@ def test_a_bug_is_not_counted_as_a_failure(monkeypatch):
         module._estimate(module._Batch(SHORT, 0, 0, 1, 0, 1))
 
 
-def test_the_bound_is_the_root_of_the_cramer_rao_covariance(made_up):
+def test_the_bound_is_the_root_of_the_cramer_rao(made_up):
     condition = made_up([[1.0, 3.0, 0.5]])
     psi = output_sensitivities(PLANT, np.ones(100), 0.05)
-    covariance = cramer_rao_covariance(psi, condition.noise_std**2)
+    covariance = cramer_rao(psi, condition.noise_std**2)
     np.testing.assert_allclose(condition.bound, np.sqrt(np.diag(covariance)))
 
 

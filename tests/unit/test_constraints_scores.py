@@ -60,7 +60,9 @@ def test_directions_hold_all_of_the_information_and_nothing_is_left_along_them(
         here = reached.fit
         outputs = range(here.problem.n_outputs)
         moved = [sensitivities(here, spread.along, spread.beside, i) for i in outputs]
-        seen.append(whitened_scores(here.over_time(), moved, here.problem.noise, noise))
+        pairs = zip(here.problem.experiments, here.over_time(), strict=True)
+        left = [experiment.standardised(one) for experiment, one in pairs]
+        seen.append(whitened_scores(left, moved, here.problem.noise, noise))
 
     monkeypatch.setattr(answer, "_scatter", look)
     records = [record(1, white, model), record(2, white, model)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -45,8 +45,9 @@ class Samples:
     reference: Array | None = None
     reference_names: tuple[str, ...] = ()
     reference_intersample: Intersample | None = None
-    # set by the estimators: the noise of each output over that of all experiments together
-    _noise_scale: Array | None = None
+    # no field, as users replace fields; set by the estimators: the noise of each output over that
+    # of all experiments together
+    _noise_scale: ClassVar[Array | None] = None
 
     def _set(self, **fields: object) -> None:
         for key, value in fields.items():
