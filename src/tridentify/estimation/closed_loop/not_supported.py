@@ -181,7 +181,8 @@ def _least(found: NotStable, records: Sequence[Record], alone: Structure) -> flo
     0 where the output at a sample may follow the input at the same one.
     """
     n_inputs = records[0].n_inputs
-    direct = np.any(alone.zeros_matrix(1, n_inputs) >= alone.poles_matrix(1, n_inputs))
+    zeros, poles = (np.array(f(1, n_inputs)) for f in (alone.zeros_matrix, alone.poles_matrix))
+    direct = bool(np.any(zeros >= poles))
     if direct or any(one.behaviour != "zoh" for one in records):
         return 0.0
     rows, target = [], []
@@ -196,10 +197,10 @@ def _least(found: NotStable, records: Sequence[Record], alone: Structure) -> flo
     freedom = int(whole.sum()) - table.shape[1]
     if freedom <= table.shape[1]:
         return 0.0
-    norms = np.linalg.norm(table[whole], axis=0) + 1e-300
-    matrix = table[whole] / norms
-    rest = told[whole] - matrix @ np.linalg.lstsq(matrix, told[whole], rcond=1e-12)[0]
-    return float(rest @ rest) / freedom
+    matrix, wanted = table[whole], np.asarray(told[whole], dtype=np.float64)
+    matrix = matrix / (np.linalg.norm(matrix, axis=0) + 1e-300)
+    rest = wanted - matrix @ np.linalg.lstsq(matrix, wanted, rcond=1e-12)[0]
+    return float(np.sum(rest**2) / freedom)
 
 
 def _alone(structure: Structure, first: Record, i: int) -> Structure:
