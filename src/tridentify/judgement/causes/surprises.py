@@ -138,14 +138,14 @@ def _between_limits(now: Array) -> NDArray[np.bool_]:
     fewer. Nowhere for an input that is held between its limits, too, or goes on as it went: it was
     set, and of a smooth one that was cut off past samples do not tell all that an output does.
     """
-    between = (now > now.min()) & (now < now.max())
+    between: NDArray[np.bool_] = (now > now.min()) & (now < now.max())
     moving = np.append(False, np.diff(now) != 0.0) & between
     count = int(between.sum())
     asked = count >= FEWEST and bool(moving.sum() > MOVING * count)
     steps = np.diff(now)
     one, other = steps[1:], steps[:-1]
     within = between[2:] & between[1:-1] & between[:-2]
-    if asked and np.mean(np.sign(one * other)[within]) < TO_AND_FRO:
+    if asked and float(np.sum(np.sign(one * other)[within])) < TO_AND_FRO * int(within.sum()):
         return between
     return np.zeros_like(between)
 
