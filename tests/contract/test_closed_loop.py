@@ -195,6 +195,31 @@ def test_a_continuous_controller_and_each_kind_of_reference(controller, intersam
     right(tri.identify(record, ORDERS, tri.ThreeModel(controller=controller)))
 
 
+def beside_measured(record, **options):
+    """The same with an input that is stated to be joined by lines."""
+    drawn = {"dt": DT, "intersample": "foh", "reference": record.reference, **options}
+    return tri.Record(record.u, record.y, **drawn)
+
+
+@pytest.mark.unjudged
+def test_a_switched_reference_is_held_beside_a_measured_input_unasked():
+    record = beside_measured(driven(5, "zoh", n=240, noise=0.05))
+    found = tri.identify(record, ORDERS, tri.ThreeModel(controller="continuous", noise="white"))
+    right(found)
+    assert "reference taken as held between its samples (zoh)" in found.trace.decisions
+
+
+@pytest.mark.unjudged
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [5, 6, 7, 8])
+def test_joined_by_lines_it_would_be_half_a_sample_early(seed):
+    held = driven(seed, "zoh", noise=0.05)
+    found = tri.identify(beside_measured(held), ORDERS)
+    right(found)
+    joined = tri.identify(beside_measured(held, reference_intersample="foh"), ORDERS)
+    assert distance(joined) > 2.0 * distance(found)
+
+
 @pytest.mark.parametrize("controller", ["unknown", "sampled"])
 @pytest.mark.fast("sampled")
 @pytest.mark.unjudged

@@ -121,6 +121,18 @@ def test_what_the_predictor_cannot_be_told_is_refused_in_one_line(structure, met
 
 
 @pytest.mark.unjudged
+def test_a_refusal_that_is_clear_waits_for_no_stable_answer(monkeypatch):
+    """What past inputs leave is more than the noise, whichever stable model is sought."""
+
+    def sought(*_, **__):
+        raise AssertionError("a stable answer was sought")
+
+    monkeypatch.setattr("tridentify.estimation.methods.reference._white", sought)
+    with pytest.raises(UnstablePlantError, match="a delay that is to be estimated"):
+        tri.identify(record_of(51), tri.Structure(2, 0, delay="free"), SAMPLED)
+
+
+@pytest.mark.unjudged
 @pytest.mark.slow
 def test_two_outputs_are_refused_and_each_is_found_alone():
     one = record_of(48)

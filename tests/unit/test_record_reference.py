@@ -145,9 +145,53 @@ def test_what_cannot_be_a_reference_is_refused_in_one_line(
 # ----------------------------------------------------------------------- what it is between samples
 @pytest.mark.parametrize("stated", ["zoh", "foh", "auto"])
 def test_it_follows_what_is_stated_of_the_input(stated: str) -> None:
-    record = Record(U, Y, dt=0.5, intersample=stated, reference=R)
+    record = Record(U, Y, dt=0.5, intersample=stated, reference=[0.0, 1.0, 3.0, 2.0])
     assert record.reference_intersample == stated
     assert record.reference_behaviour == ("zoh" if stated == "auto" else stated)
+
+
+T = 0.05 * np.arange(400)
+SWITCHED = np.repeat(np.random.default_rng(3).standard_normal(40), 10)
+
+
+@pytest.mark.parametrize("stated", ["foh", "band-limited"])
+@pytest.mark.parametrize(
+    ("reference", "held"),
+    [
+        (np.where(T < 7.0, 20.0, 25.0), True),
+        (SWITCHED, True),
+        (np.random.default_rng(0).choice([-1.0, 1.0], 400), True),
+        (np.column_stack([SWITCHED, np.zeros(400)]), True),
+        (np.zeros(400), False),
+        (T, False),
+        (np.sin(T), False),
+        (np.round(100.0 * np.sin(0.05 * T)), False),
+        (np.clip(T, 7.0, 7.1), False),
+        (np.clip(T, 7.0, 13.0), False),
+        (SWITCHED + np.sin(T), False),
+        (np.column_stack([SWITCHED, np.sin(T)]), False),
+    ],
+)
+def test_one_that_rests_and_is_switched_is_held_beside_a_measured_input(
+    stated: str, reference: np.ndarray, held: bool
+) -> None:
+    record = Record(np.cos(T), T, dt=0.05, intersample=stated, reference=reference)
+    assert record.intersample == stated
+    assert record.reference_behaviour == ("zoh" if held else stated)
+    told = Record(
+        np.cos(T), T, dt=0.05, intersample=stated, reference=reference, reference_intersample=stated
+    )
+    assert told.reference_behaviour == stated
+
+
+def test_switched_references_of_a_slower_clock_are_held_on_the_faster() -> None:
+    record = Record.from_rates(
+        [0.0, 1.0, 2.0], [0.0, 0.1, 0.2, 0.3, 0.4], u_dt=0.2, y_dt=0.1, intersample="foh",
+        reference=[0.0, 2.0, 2.0],
+    )  # fmt: skip
+    np.testing.assert_allclose(record.u[:, 0], [0, 0.5, 1, 1.5, 2])
+    assert record.reference is not None
+    np.testing.assert_allclose(record.reference[:, 0], [0, 0, 2, 2, 2])
 
 
 def test_left_open_its_own_samples_decide() -> None:
@@ -290,7 +334,7 @@ def test_pickles_keep_it_and_older_pickles_have_none() -> None:
 def test_text_and_page_show_it() -> None:
     record = loop()
     assert repr(record).endswith("references: theta_cmd [deg], dither (zoh))")
-    assert repr(loop(reference_intersample=None)).endswith("theta_cmd [deg], dither)")
+    assert repr(loop(reference_intersample="foh")).endswith("theta_cmd [deg], dither)")
     page = record._repr_html_()
     assert "<th>references</th><td>theta_cmd [deg], dither (zoh)</td>" in page
     assert page.count("<svg") == 4

@@ -66,7 +66,7 @@ class ReadingMany:
         or what was added to the controller's output; may be repeated.
     reference_intersample
         What the references do between samples: zoh, foh, band-limited or auto; by default as
-        --intersample, with auto by their samples.
+        --intersample (switched ones are held), with auto by their samples.
     instants
         Where channels of several clocks meet: at the instants of the outputs, at all instants, or
         auto (all if they lie on one raster).

@@ -31,6 +31,7 @@ from tridentify.estimation.methods.levels import one_level
 from tridentify.estimation.methods.output_error import OutputError
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.causes.intersample import (
+    IN_WORDS,
     TIE,
     Behaviours,
     behaviours,
@@ -156,6 +157,14 @@ def still_references(estimate: Estimate, records: Sequence[Record]) -> tuple[str
     return () if any_moves(records) else ("the references never move: taken as none",)
 
 
+def own_behaviour(estimate: Estimate, records: Sequence[Record]) -> tuple[str, ...]:
+    """What references were taken to do between their samples, where inputs do something else."""
+    if estimate.route != "reference":
+        return ()
+    apart = {one.reference_behaviour for one in records if one.reference_behaviour != one.behaviour}
+    return tuple(f"reference taken as {IN_WORDS[one]}" for one in sorted(filter(None, apart)))
+
+
 ANSWERED = ("feedback", "loop-not-excited")
 """What a reference answers: that there was a controller is known."""
 
@@ -186,7 +195,8 @@ def with_judgement(
     told : sequence of str
         Further decisions for its trace.
     """
-    said = (*told, *still_references(estimate, records), *one_level(estimate, records))
+    driving = (*still_references(estimate, records), *own_behaviour(estimate, records))
+    said = (*told, *driving, *one_level(estimate, records))
     records = weighed(records, estimate.noise_levels)
     trace = replace(estimate.trace, decisions=(*estimate.trace.decisions, *said))
     estimate = estimate.saying(trace=trace)

@@ -77,8 +77,8 @@ class Record(Selected, Resampled, RecordInWords, RecordViews, Pointers):
     reference_names : sequence of str, optional
         As `input_names`; by default the labels of its columns, else ``r`` or ``r1, r2, ...``.
     reference_intersample : {"zoh", "foh", "band-limited", "auto"}, optional
-        What the reference does between samples. By default what `intersample` says; with "auto" its
-        own samples decide, see `reference_behaviour`.
+        What the reference does between samples. By default what `intersample` says, but held where
+        it rests and is switched; with "auto" its own samples decide, see `reference_behaviour`.
     input_names, output_names : sequence of str, optional
         One name per channel, all different. By default what the columns of a frame or a series of
         pandas, polars, pyarrow or xarray are called (``q [deg/s]`` also states the unit), else
@@ -100,7 +100,7 @@ class Record(Selected, Resampled, RecordInWords, RecordViews, Pointers):
     reference_names : tuple of str
         Empty where there is no reference.
     reference_intersample : str or None
-        As stated, or as `intersample` was when the record was made; None without a reference.
+        As stated, or as was taken when the record was made; None without a reference.
 
     Raises
     ------

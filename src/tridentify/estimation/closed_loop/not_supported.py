@@ -4,12 +4,18 @@ The search among stable models has an answer to every question, which is none of
 where the predictor cannot be told what is asked, it is told less: each output by itself, nothing
 known beforehand, uniform time. Where that shows a pole to the right of zero beyond doubt, and the
 stable answer leaves more of that output, the question is refused.
+
+A stable model of a held input without a direct part is a prediction of the output from past inputs.
+None leaves less than the innovations, and these are larger than the noise of the output by the
+gain of the all-pass filter of the poles to the right of zero. Where that alone is clear, the stable
+answer, which may have to be sought over delays, need not be known.
 """
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,13 +24,47 @@ from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.closed_loop.between_samples import Sampling
 from tridentify.estimation.closed_loop.driven import driven
-from tridentify.estimation.closed_loop.unstable_answer import unstable_estimate
+from tridentify.estimation.closed_loop.unstable_answer import NotStable, unstable_estimate
+from tridentify.estimation.closed_loop.unstable_starts import lagged
 from tridentify.estimation.likelihood.thresholds import CLEARLY
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 
 SURELY = 5.0
 """Standard errors that a pole lies to the right of zero."""
+PAST = 20
+"""Samples before an innovation of which it is asked whether they tell it."""
+BY_CHANCE = 40.0
+"""Fall of ``-2 log L`` that the coefficients of a stable answer may take of the innovations, which
+are as many as 20 with its starts: twice what they take on the mean."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """An output that shows a pole to the right of zero, by itself.
+
+    Attributes
+    ----------
+    output : int
+    pole : float
+        [rad/s].
+    variance : float
+        Of the noise of the output.
+    count : int
+        Samples.
+    least : float
+        Variance that predictions from past inputs leave; 0 where that is not known.
+    """
+
+    output: int
+    pole: float
+    variance: float
+    count: int
+    least: float
+
+    def clearly(self, left: float, beyond: float = 0.0) -> bool:
+        """Whether what a stable answer leaves is clearly more."""
+        return bool(left > 0.0 and self.count * np.log(left / self.variance) > CLEARLY + beyond)
 
 
 def refuse_not_stable(
@@ -59,24 +99,27 @@ def refuse_not_stable(
     """
     if _in_the_way(asked.records, asked.structure, loss) is None:
         return None
-    found = [one for one in _each(asked, kind, say) if one[1] > 0.0]
+    found = [one for one in _each(asked, kind, say) if one.pole > 0.0]
     if not found:
         return None
-    try:
-        other = stable()
-    except TridentifyError:
-        other = None
-    for output, pole, variance, count in found:
-        left = np.inf if other is None else float(other.noise_variance[output])
-        if count * np.log(left / variance) > CLEARLY:
-            what = _in_the_way(asked.records, asked.structure, loss, output)
-            assert what is not None
-            beside, remedy = what
-            raise UnstablePlantError(
-                f"found a plant that is not stable, with a pole at {pole:+.3g} rad/s, together "
-                f"with {beside}; expected a question that its predictor can be asked; {remedy}"
-            )
-    return other
+    refused = None if loss else next((o for o in found if o.clearly(o.least, BY_CHANCE)), None)
+    other = None
+    if refused is None:
+        with contextlib.suppress(TridentifyError):
+            other = stable()
+        left = (
+            np.full(asked.records[0].n_outputs, np.inf) if other is None else other.noise_variance
+        )
+        refused = next((o for o in found if o.clearly(float(left[o.output]))), None)
+    if refused is None:
+        return other
+    what = _in_the_way(asked.records, asked.structure, loss, refused.output)
+    assert what is not None
+    beside, remedy = what
+    raise UnstablePlantError(
+        f"found a plant that is not stable, with a pole at {refused.pole:+.3g} rad/s, together "
+        f"with {beside}; expected a question that its predictor can be asked; {remedy}"
+    )
 
 
 def _in_the_way(
@@ -104,10 +147,8 @@ def _in_the_way(
     return None
 
 
-def _each(
-    asked: Request, kind: Sampling, say: Callable[[str], None]
-) -> list[tuple[int, float, float, int]]:
-    """Output, pole, variance of its noise and samples, for each output that shows such a pole."""
+def _each(asked: Request, kind: Sampling, say: Callable[[str], None]) -> list[_Shown]:
+    """Each output that shows such a pole."""
     rows = []
     for i in range(asked.records[0].n_outputs):
         structure = _alone(asked.structure, asked.records[0], i)
@@ -127,8 +168,39 @@ def _each(
         std = max((std for value, std in poles if value > 0.0), default=np.inf)
         if pole > SURELY * std:
             variance = float(estimate.noise_variance[0])
-            rows.append((i, pole, variance, sum(one.n_samples for one in records)))
+            count = sum(one.n_samples for one in records)
+            known = all(one.dt is not None for one in asked.records)
+            least = _least(found, records, structure) if known else 0.0
+            rows.append(_Shown(i, pole, variance, count, least))
     return rows
+
+
+def _least(found: NotStable, records: Sequence[Record], alone: Structure) -> float:
+    """Variance of innovations that their own past and that of the inputs do not tell.
+
+    0 where the output at a sample may follow the input at the same one.
+    """
+    n_inputs = records[0].n_inputs
+    zeros, poles = (np.array(f(1, n_inputs)) for f in (alone.zeros_matrix, alone.poles_matrix))
+    direct = bool(np.any(zeros >= poles))
+    if direct or any(one.behaviour != "zoh" for one in records):
+        return 0.0
+    rows, target = [], []
+    for left, record in zip(found.innovations, records, strict=True):
+        if left.size <= PAST:
+            return 0.0
+        signals = np.column_stack([left, record.u])
+        rows.append(lagged(signals, [range(1, PAST + 1)] * signals.shape[1], PAST))
+        target.append(left[PAST:])
+    table, told = np.vstack(rows), np.concatenate(target)
+    whole = np.isfinite(told) & np.isfinite(table).all(axis=1)
+    freedom = int(whole.sum()) - table.shape[1]
+    if freedom <= table.shape[1]:
+        return 0.0
+    matrix, wanted = table[whole], np.asarray(told[whole], dtype=np.float64)
+    matrix = matrix / (np.linalg.norm(matrix, axis=0) + 1e-300)
+    rest = wanted - matrix @ np.linalg.lstsq(matrix, wanted, rcond=1e-12)[0]
+    return float(np.sum(rest**2) / freedom)
 
 
 def _alone(structure: Structure, first: Record, i: int) -> Structure:

@@ -69,12 +69,15 @@ class NotStable:
     unseen : bool
         Whether a pole that is not stable has a zero upon it, a pair that takes up the slow part of
         a stable plant beside slow noise.
+    innovations : tuple of (n_samples,) arrays
+        Errors of the mirrored predictor, per experiment; ``nan`` where nothing was recorded.
     """
 
     estimate: Estimate
     criterion: float
     follows: bool
     unseen: bool
+    innovations: tuple[Array, ...] = ()
 
     def or_stable(self, other: Estimate) -> Estimate:
         """A stable plant in its place, where that leaves clearly less, or is as simple."""
@@ -150,6 +153,7 @@ def unstable_estimate(
         found.aicc - mirrored,
         _follows(loops, best),
         _is_unseen(best, edge),
+        best.errors,
     )
 
 

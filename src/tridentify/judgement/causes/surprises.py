@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.lagrange import span
@@ -40,6 +41,15 @@ COMMANDED = 1e-6
 
 ROUNDING = 1e-12
 """Over the largest value of the input: what a fit leaves of a level that never moves."""
+
+FEWEST = 100
+"""Samples between the limits of an input of which its small moves are told, at least."""
+
+MOVING = 0.9
+"""Share of these at which it moves."""
+
+TO_AND_FRO = 0.3
+"""Mean sign of the product of neighbouring moves below which an input goes to and fro."""
 
 CUTOFF = 1e-10
 """Singular value over the largest below which past inputs tell nothing new."""
@@ -81,7 +91,12 @@ def _of_one(u: Array) -> Array:
     basis = np.ascontiguousarray(span(known, cutoff=CUTOFF).T)
     for j in range(n_inputs if known.size else 0):
         least = COMMANDED * float(np.std(u[:, j])) + ROUNDING * float(np.max(np.abs(u[:, j])))
-        found[most:, j] = _small(basis, np.ascontiguousarray(u[most:, j]), least)
+        now = np.ascontiguousarray(u[most:, j])
+        found[most:, j] = _small(basis, now, least)
+        between = _between_limits(now)
+        if between.any() and not found[:, j].any():
+            rows = np.ascontiguousarray(span(known[between], cutoff=CUTOFF).T)
+            found[most:, j][between] = _small(rows, np.ascontiguousarray(now[between]), least)
     found.flags.writeable = False
     return found
 
@@ -114,6 +129,25 @@ def _lagged(u: Array, most: int) -> Array:
     since = u - np.array([median(column) for column in u.T])
     columns = [since[most - lag : most - lag + rows] for lag in range(1, most + 1)]
     return np.hstack([*columns, np.ones((max(rows, 0), 1))])
+
+
+def _between_limits(now: Array) -> NDArray[np.bool_]:
+    """Where an input that rests at its limits most of the time is between them, and moves there.
+
+    A controller that is at its limit does not move, and the small moves it makes elsewhere are the
+    fewer. Nowhere for an input that is held between its limits, too, or goes on as it went: it was
+    set, and of a smooth one that was cut off past samples do not tell all that an output does.
+    """
+    between: NDArray[np.bool_] = (now > now.min()) & (now < now.max())
+    moving = np.append(False, np.diff(now) != 0.0) & between
+    count = int(between.sum())
+    asked = count >= FEWEST and bool(moving.sum() > MOVING * count)
+    steps = np.diff(now)
+    one, other = steps[1:], steps[:-1]
+    within = between[2:] & between[1:-1] & between[:-2]
+    if asked and float(np.sum(np.sign(one * other)[within])) < TO_AND_FRO * int(within.sum()):
+        return between
+    return np.zeros_like(between)
 
 
 def _small(basis: Array, now: Array, least: float) -> Array:

@@ -17,6 +17,7 @@ from tridentify.record.checks.samples import (
     check_intersample,
     check_tall,
     looks_measured,
+    rests_between_steps,
     sample_array,
 )
 
@@ -107,10 +108,13 @@ def reference_between(
 ) -> Intersample | None:
     """What a reference is stated to do between its samples: by itself, or as the input does.
 
+    What is stated of an input that was measured holds of no reference that rests and is switched:
+    lines would lead from each rest to the next, and a loop follow them before it was told to.
+
     Parameters
     ----------
     stated : {"zoh", "foh", "band-limited", "auto"} or None
-        None for what is stated of the input.
+        None for what is stated of the input, but for a reference that is switched.
     intersample : {"zoh", "foh", "band-limited", "auto"}
         Of the input.
     reference : ndarray or None
@@ -131,8 +135,9 @@ def reference_between(
     Examples
     --------
     >>> import numpy as np
-    >>> reference_between(None, "foh", np.zeros((4, 1)), 0.1)
-    'foh'
+    >>> ramp, switched = np.arange(8.0)[:, None], np.repeat([0.0, 1.0], 4)[:, None]
+    >>> [reference_between(None, "foh", one, 0.1) for one in (ramp, switched)]
+    ['foh', 'zoh']
     """
     if reference is None:
         if stated is not None:
@@ -142,11 +147,23 @@ def reference_between(
             )
         return None
     if stated is None:
-        return intersample
+        return drawn_unless_switched(intersample, list(reference.T))
     check_intersample(stated, "reference_intersample", "reference")
     if stated == "band-limited":
         check_band_limited(step, len(reference), "reference_intersample")
     return stated
+
+
+def drawn_unless_switched(intersample: Intersample, references: Sequence[Array]) -> Intersample:
+    """What is stated of an input, for references that nothing is stated of; switched ones are held.
+
+    Examples
+    --------
+    >>> drawn_unless_switched("band-limited", [np.repeat([0.0, 1.0], 4)])
+    'zoh'
+    """
+    drawn = intersample in ("foh", "band-limited")
+    return "zoh" if drawn and rests_between_steps(references) else intersample
 
 
 def settled_reference(stated: Intersample | None, reference: Array | None) -> Behaviour | None:

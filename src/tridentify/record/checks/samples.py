@@ -42,6 +42,13 @@ MOVING = 0.5
 POSITIONS = 3
 """Values that a switched input takes, at most: off, on, and one more."""
 
+BY_STEPS = 0.5
+"""Share of all its way that a signal of steps goes in moves with a rest before and after."""
+
+ROUNDED = 1.0 / 8.0
+"""Largest of all moves over the whole range below which moves with rests between them may be those
+of a smooth signal, rounded: three bits and more."""
+
 
 def channel_names(names: Sequence[str] | None, n_channels: int, default: str) -> tuple[str, ...]:
     """Check the names of channels, or make default ones.
@@ -240,6 +247,32 @@ def is_switched(u: Array) -> bool:
     False
     """
     return any(1 < np.unique(own).size <= POSITIONS for own in u.T)
+
+
+def rests_between_steps(signals: Sequence[Array]) -> bool:
+    """Whether signals rest and jump within one sampling interval, as set points that are switched.
+
+    A slope moves at neighbouring samples; a smooth signal that was rounded moves by small steps. A
+    signal of two values is switched, however often. Signals that never move say nothing.
+
+    Examples
+    --------
+    >>> rest_and_jump, t = np.repeat([0.0, 2.0, 1.0, -2.0], 5), 0.1 * np.arange(20)
+    >>> [rests_between_steps([r]) for r in (rest_and_jump, t, np.clip(t, 0.5, 1.0), np.sin(t))]
+    [True, False, False, False]
+    """
+    moving = [own for own in signals if np.any(own != own[0])]
+    return bool(moving) and all(_by_steps(own) for own in moving)
+
+
+def _by_steps(own: Array) -> bool:
+    moves = np.abs(np.diff(own))
+    if np.unique(own).size == 2:
+        return True
+    around = np.pad(moves, 1)
+    alone = (around[:-2] == 0.0) & (around[2:] == 0.0)
+    large = bool(moves.max() >= ROUNDED * np.ptp(own))
+    return large and float(moves[alone].sum()) > BY_STEPS * float(moves.sum())
 
 
 def _goes_on(steps: Array) -> bool:

@@ -40,6 +40,7 @@ from tridentify.errors import (
 )
 from tridentify.numerics.arrays import Array
 from tridentify.record.checks.names import did_you_mean, file_units
+from tridentify.record.checks.references import drawn_unless_switched
 from tridentify.record.checks.samples import Intersample
 from tridentify.record.checks.times import TIME_TOLERANCE, sample_range, time_axis, uniform_step
 from tridentify.record.formats.channels import Channel, OpenFile
@@ -346,12 +347,18 @@ def _with_step(t: Array, dt: float | None) -> Array:
 
 
 # --------------------------------------------------------------------------------- several clocks
+def _references_between(samples: Sequence[Array], wanted: Wanted) -> list[Intersample]:
+    """What each of the references does between its samples: all the same, as in a record."""
+    stated, own = wanted.reference_intersample, wanted.intersample
+    return [stated or drawn_unless_switched(own, samples)] * len(samples)
+
+
 def _one_time_base(
     values: list[Array], times: list[Array], wanted: Wanted
 ) -> tuple[Array, list[Array]]:
     """Bring channels of several clocks together, as the head of this module says."""
     between = [wanted.intersample] * len(wanted.inputs)
-    between += [wanted.reference_intersample or wanted.intersample] * len(wanted.references)
+    between += _references_between(values[len(between) :][: len(wanted.references)], wanted)
     driving = len(between)
     slack = TIME_TOLERANCE * min(float(t[-1] - t[0]) / (len(t) - 1) for t in times)
     t = _merged(times, slack)

@@ -137,7 +137,7 @@ def read_record(
         What the input does between samples, as in `Record`; with "auto" `identify` takes what
         explains the record best, and says so.
     reference_intersample : {"zoh", "foh", "band-limited", "auto"}, optional
-        What the references do; by default as `intersample` says, with "auto" by their samples.
+        What the references do; by default as in `Record`, with "auto" by their samples.
     units : mapping of str to str, optional
         Units by channel name, before those of the file.
     start, stop : float, optional
