@@ -128,3 +128,18 @@ def test_where_nothing_tells_the_plant_no_other_cause_has_a_remedy(seed):
     told = [one.code for one in identify(record, (2, 0), throw=False).findings]
     assert "loop-not-excited" in told
     assert not {"order-low", "order-high", "intersample", "delay", "drift"} & set(told)
+
+
+def test_laws_that_are_kept_are_those_of_the_same_records_and_lags():
+    rng = np.random.default_rng(5)
+    y = rng.standard_normal(200)
+    held, free = Record(1.0 - 2.0 * y, y, dt=0.1), Record(rng.standard_normal(200), y, dt=0.1)
+    first = laws([held])
+    assert laws([held]) is first
+    assert first[0].lags == 0
+    # a record made of it, and others beside it, have laws of their own
+    assert laws([held.mask(np.arange(200) < 50)])[0].lags == 0
+    assert laws([held, free])[0].lags is None
+    assert laws([held, held])[0].lags == 0
+    assert laws([held], 2) is not first
+    assert laws([held]) == first

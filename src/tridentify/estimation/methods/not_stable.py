@@ -34,6 +34,7 @@ from tridentify.estimation.methods.base import Progress
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.information import aicc_price
+from tridentify.numerics.rational import scaled_roots
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 
@@ -106,7 +107,8 @@ def may_be_unstable(found: Estimate, records: Sequence[Record], structure: Struc
     if orders_of(records, structure) is None:
         return False
     longest = max(record.duration for record in records)
-    slowest = float(np.min(np.abs(np.roots(found.model.den[0][0]).real)))
+    rates = np.abs(scaled_roots(found.model.den[0][0]).real)
+    slowest = float(np.min(rates, initial=np.inf))
     ended = found.status in (Status.CONVERGED, Status.POSTERIOR_MEAN)
     return not ended or slowest * longest < SLOW
 

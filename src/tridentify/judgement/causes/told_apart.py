@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import NamedTuple
+from weakref import ReferenceType, WeakKeyDictionary, ref
 
 import numpy as np
 
@@ -100,7 +101,30 @@ def laws(records: Sequence[Record], most: int = MOST_LAGS) -> tuple[Law, ...]:
     >>> laws([Record(1.0 - 2.0 * y + dither, y, dt=0.1)])[0].lags is None
     True
     """
-    return tuple(_law(records, j, most) for j in range(records[0].n_inputs))
+    known = _LAWS.get(records[0])
+    if known is None or not known.are_of(records, most):
+        found = tuple(_law(records, j, most) for j in range(records[0].n_inputs))
+        others = tuple(ref(one) for one in records[1:])
+        known = _LAWS[records[0]] = _Known(others, most, found)
+    return known.laws
+
+
+class _Known(NamedTuple):
+    """Laws of some records, the first of which lies elsewhere."""
+
+    others: tuple[ReferenceType[Record], ...]
+    most: int
+    laws: tuple[Law, ...]
+
+    def are_of(self, records: Sequence[Record], most: int) -> bool:
+        """Whether these are the records, and so many lags were tried."""
+        alike = self.most == most and len(self.others) == len(records) - 1
+        pairs = zip(self.others, records[1:], strict=False)
+        return alike and all(one() is other for one, other in pairs)
+
+
+_LAWS: WeakKeyDictionary[Record, _Known] = WeakKeyDictionary()
+"""Of records that are still in use: the choice of the route and the judgement ask for the same."""
 
 
 def told_apart(law: Law, poles: int) -> bool:
@@ -274,10 +298,9 @@ def _regression(
     sources = [(False, lag) for lag in range(1, lags + 1)]
     sources += [(True, lag) for lag in range(lags + 1)] if outputs else []
     widths = [records[0].n_outputs if output else records[0].n_inputs for output, _ in sources]
-    of = np.repeat(np.array(sources, dtype=int).reshape(-1, 2), widths, axis=0)
     levels = len(records)
     longest = max(record.n_samples for record in records)
-    total = Accumulator(levels + len(of) + 1, min(BLOCK, longest))
+    total = Accumulator(levels + sum(widths) + 1, max(min(BLOCK, longest - first), 0))
     rows = 0
     for e, record in enumerate(records):
         gaps = bool(np.isnan(record.y).any())
@@ -285,15 +308,21 @@ def _regression(
         y = record.y - (np.nanmean if gaps else np.mean)(record.y, axis=0)
         for start in range(first, record.n_samples, BLOCK):
             stop = min(start + BLOCK, record.n_samples)
-            block = np.zeros((levels + len(of) + 1, stop - start))
+            block, at = total.buffer[:, : stop - start], levels
+            block[:levels] = 0.0
             block[e] = 1.0
-            beside = [(y if output else u)[start - lag : stop - lag].T for output, lag in sources]
-            block[levels:] = np.vstack([*beside, record.u[start:stop, j]])
-            block = block[:, np.isfinite(block).all(axis=0)] if gaps else block
-            if not block.size:
-                continue
-            total.buffer[:, : block.shape[1]] = block
-            total.absorb(block.shape[1])
-            rows += block.shape[1]
-    own = np.vstack([np.zeros((levels, 2), dtype=int), of])
+            for (output, lag), width in zip(sources, widths, strict=True):
+                block[at : at + width] = (y if output else u)[start - lag : stop - lag].T
+                at += width
+            block[at] = record.u[start:stop, j]
+            count = stop - start
+            if gaps:
+                seen = np.isfinite(block).all(axis=0)
+                count = int(seen.sum())
+                block[:, :count] = block[:, seen]
+            if count:
+                total.absorb(count)
+                rows += count
+    of = [one for one, width in zip(sources, widths, strict=True) for _ in range(width)]
+    own = np.array([(False, 0)] * levels + of, dtype=int)
     return _Regression(total.r, rows, own[:, 1], own[:, 0] == 1)

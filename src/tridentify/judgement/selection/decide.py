@@ -35,6 +35,7 @@ from tridentify.judgement.selection.rule import (
 from tridentify.judgement.selection.soundness import apart_from_vagueness, doubts
 from tridentify.judgement.selection.table import SelectionTable
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.kept import cached_property
 from tridentify.numerics.whiteness import is_white
 from tridentify.record.record import Record
 from tridentify.structure import Structure
@@ -72,9 +73,10 @@ class OrderEvidence:
     held: tuple[HeldOut, ...]
     lags: bool = False
 
-    def rows(self) -> list[SelectionRow]:
+    @cached_property
+    def rows(self) -> tuple[SelectionRow, ...]:
         """What is shown of each candidate: all of its own estimate, but the criteria."""
-        return [
+        return tuple(
             _row(self.records, asked, entry, criteria, fit, compared.estimate)
             for asked, entry, criteria, fit, compared in zip(
                 self.structures,
@@ -84,7 +86,7 @@ class OrderEvidence:
                 self.table.entries,
                 strict=True,
             )
-        ]
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,11 +108,11 @@ def decide(known: OrderEvidence, least: int = 0) -> Decision:
     least : int
         Poles that are known to rise above the noise.
     """
-    rows, table = known.rows(), known.table
-    objections = _objections(table.contenders(), rows)
+    rows, table = list(known.rows), known.table
+    objections = _objections(table.contenders, rows)
     contenders = [
         replace(one, known=one.known and not against)
-        for one, against in zip(table.contenders(), objections, strict=True)
+        for one, against in zip(table.contenders, objections, strict=True)
     ]
     likeliest = choose(contenders)
     found = levels_off(contenders, likeliest)

@@ -254,7 +254,7 @@ class _Work:
             tuple(self._held_out(opened.whole, structures, unseen)),
         )
         if self.free:
-            asked = integrating(evidence.rows(), self.records)
+            asked = integrating(evidence.rows, self.records)
             evidence = self._with(evidence, asked, "candidates with a pole at zero", unseen)
         found = decide(evidence)
         if self.free:
@@ -367,12 +367,13 @@ class _Work:
     def _tasks(self, structures: Sequence[Structure], shared: Shared | None) -> list[CandidateTask]:
         found = []
         reach = -math.inf if shared is None else shared.models[0].criterion
+        orders = {one.common_poles for one in structures if self._can_share(one)}
+        reduced = {n: () if shared is None else shared.seeds(n) for n in orders}
         asked, estimate = self.identified or (None, None)
         for structure in structures:
             able = shared is not None and self._can_share(structure)
             n = structure.common_poles if able else 0
-            seeds = shared.seeds(n) if shared is not None and able else ()
-            seeds = (*seeds, *(poles for poles in self.found if poles.size == n))
+            seeds = (*reduced.get(n, ()), *(poles for poles in self.found if poles.size == n))
             task = CandidateTask(self.records, structure, self.method, seeds, (), able, reach=reach)
             found.append(replace(task, found=estimate) if structure is asked else task)
         return found

@@ -188,7 +188,7 @@ def _plainer(
     place = table.best("bic")
     if place is None or settled.records[0].behaviour == "zoh":
         return None
-    best, rows = table.criteria[place], table.contenders()
+    best, rows = table.criteria[place], table.contenders
     least = math.inf if best is None else best.bic
     held = tuple(record.settled("zoh") for record in records)
     orders = next((tuple(a.size for a in one) for one in table.noise if one), ())

@@ -120,7 +120,8 @@ def undetermined(estimate: Estimate, longest: float) -> list[str]:
             start = f"b{zeros[i][j]}"
             names = [one for one in estimate.names if one == start or one.startswith(start + "[")]
             leading += names
-    known = {name: estimate.parameters[name] for name in dict.fromkeys(leading)}
+    every = estimate.parameters
+    known = {name: every[name] for name in dict.fromkeys(leading)}
     free = [one for one in known.values() if one.std > 0]
     if free and all(one.relative_std > HALF for one in free):
         best = min(free, key=lambda one: one.relative_std)

@@ -15,6 +15,7 @@ from tridentify.judgement.selection.finish_candidates import Entry, noise_of_ord
 from tridentify.judgement.selection.rule import Contender
 from tridentify.judgement.selection.soundness import HALF
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.kept import cached_property
 from tridentify.record.record import Record
 
 
@@ -26,13 +27,15 @@ class SelectionTable:
     criteria: tuple[Criteria | None, ...]
     noise: tuple[tuple[Array, ...], ...]
 
-    def contenders(self) -> list[Contender]:
+    @cached_property
+    def contenders(self) -> tuple[Contender, ...]:
         """What the rule sees."""
-        return [_contender(e, c) for e, c in zip(self.entries, self.criteria, strict=True)]
+        pairs = zip(self.entries, self.criteria, strict=True)
+        return tuple(_contender(entry, criteria) for entry, criteria in pairs)
 
     def best(self, criterion: str) -> int | None:
         """The usable entry where a criterion is lowest."""
-        rows = self.contenders()
+        rows = self.contenders
         kept = [k for k, one in enumerate(rows) if one.usable]
         return min(kept, key=lambda k: float(getattr(rows[k].criteria, criterion)), default=None)
 

@@ -171,8 +171,10 @@ def _channel(estimate: Estimate, output: int, j: int) -> Channel:
 def _scaled(series: Sequence[Array]) -> list[Array]:
     """About their common mean, over their common standard deviation."""
     joined = np.concatenate(series)
-    size = float(np.std(joined)) or 1.0
-    return [(one - joined.mean()) / size for one in series]
+    middle = joined.mean()
+    off = joined - middle
+    size = float(np.sqrt(np.mean(off * off))) or 1.0
+    return [(one - middle) / size for one in series]
 
 
 def _through(asked: Sequence[Asked], records: Sequence[Record]) -> list[Columns]:
