@@ -167,6 +167,21 @@ def test_no_reaction_shows_where_there_is_none(behaviour):
     assert wrong == 0
 
 
+@pytest.mark.parametrize("seed", [6, *(pytest.param(k, marks=pytest.mark.slow) for k in (0, 3, 4))])
+def test_tones_of_an_input_do_not_react_to_a_hum(seed):
+    # 25 tones are told by 50 past samples and not by 12, and a predictor through a hum looks far
+    # back: what is left of long past inputs resembles the coming ones
+    rng = np.random.default_rng([seed, 6])
+    tone, phase = 4.0 * np.arange(1, 50, 2), rng.uniform(0.0, 2.0 * np.pi, 25)
+    t = 0.001 * np.arange(2000)
+    u = np.cos(2.0 * np.pi * np.outer(t, tone) + phase).sum(axis=1)
+    record = Record(u, u, dt=0.001, intersample="band-limited")
+    y = simulate(TransferFunction([4e4], [1.0, 300.0, 4e4]), record)[:, 0]
+    y += np.std(y) * (0.2 * np.sin(100.0 * np.pi * t) + 0.03 * rng.standard_normal(2000))
+    seen = Inputs.of([Record(u, y, dt=0.001, intersample="band-limited")])
+    assert not by_predictor(seen, 0, GUARD).is_clear
+
+
 def test_a_reaction_shows_in_what_the_predictor_leaves():
     record = position_loop(3)
     assert by_predictor(Inputs.of([record]), 0, 0).p_value < 1e-20

@@ -53,6 +53,16 @@ known from them."""
 PER_PAST = 24
 """Samples for each past one of the output that the predictor goes by, at least."""
 
+OLDER = 120
+"""Past samples of the inputs beside which what inputs to come seem to explain is asked again. Tones
+of a multisine are told by two samples each, and what comes of it tells what is long past."""
+
+PER_OLDER = 12
+"""Samples for each of them, at least."""
+
+BESIDE_OLDER = 1e-2
+"""p-value beside these, which cost degrees of freedom, up to which it counts."""
+
 COMING = 4
 """Samples to come that a controller may act at first."""
 
@@ -137,11 +147,14 @@ class Inputs:
         return noise_sizes(self.records, output)
 
     @classmethod
-    def of(cls, records: Sequence[Record]) -> Inputs:
-        """Those of some records, without what is noise of an input's own sensor."""
+    def of(cls, records: Sequence[Record], past: int = PAST) -> Inputs:
+        """Those of some records, without what is noise of an input's own sensor.
+
+        What is no surprise is told from so many past samples at most.
+        """
         own = [
             np.where(_recorded_noise(record), 0.0, one) if one.any() else one
-            for record, one in zip(records, small_surprises(records), strict=True)
+            for record, one in zip(records, small_surprises(records, past), strict=True)
         ]
         return cls(tuple(records), tuple(own))
 
@@ -292,11 +305,12 @@ def coming(
         Noise of each experiment over that of all; empty where it is one.
     """
     e = _white([one[:, None] for one in residual], residual, noise, scale)[:, 0]
+    left = Left(residual, own, noise, inputs, e, scale)
     if within.soon.size:
-        at_once, sizes = _from(0, residual, own, noise, inputs, e, scale)
+        at_once, sizes = _from(0, left)
         if np.any(sizes > within.soon):
-            return at_once
-    return _from(within.guard, residual, own, noise, inputs, e, scale)[0]
+            return _beside_older(at_once, 0, left)
+    return _beside_older(_from(within.guard, left)[0], within.guard, left)
 
 
 def by_predictor(inputs: Inputs, output: int, guard: int) -> Coming:
@@ -322,7 +336,8 @@ def by_predictor(inputs: Inputs, output: int, guard: int) -> Coming:
     seen = [np.where(np.arange(one.size) < most, np.nan, one) for one in y]
     scale, white = inputs.scale_of(output), np.zeros(0)
     e = _white([one[:, None] for one in seen], seen, white, scale)[:, 0]
-    return _from(guard, seen, own, white, inputs, e, scale)[0]
+    left = Left(seen, own, white, inputs, e, scale)
+    return _beside_older(_from(guard, left)[0], guard, left)
 
 
 def forecasts_react(point: Point, records: Sequence[Record]) -> bool:
@@ -352,17 +367,47 @@ def _last_seen(y: Array) -> Array:
     return np.asarray(y[there[np.maximum(place, 0)]])
 
 
-def _from(
-    first: int,
-    residual: Sequence[Array],
-    own: Sequence[Array],
-    noise: Array,
-    inputs: Inputs,
-    e: Array,
-    scale: Sequence[float] = (),
-) -> tuple[Coming, Array]:
+class Left(NamedTuple):
+    """What is left of an output, what was fitted to it, and the inputs; as `coming` takes them.
+
+    Attributes
+    ----------
+    residual, own : sequence of arrays
+    noise : (p,) array
+    inputs : Inputs
+    white : (n_samples,) array
+        The residual of all experiments, whitened.
+    scale : sequence of float
+    """
+
+    residual: Sequence[Array]
+    own: Sequence[Array]
+    noise: Array
+    inputs: Inputs
+    white: Array
+    scale: Sequence[float] = ()
+
+
+def _beside_older(found: Coming, first: int, left: Left) -> Coming:
+    """What inputs to come explain, asked again beside a long past of the inputs where it is clear.
+
+    What a short past does not tell of an input that repeats itself is no surprise: it resembles
+    what is long past, and explains what a predictor or a noise model of few lags leaves of that.
+    """
+    if not found.is_clear:
+        return found
+    count = sum(int(np.isfinite(one).sum()) for one in left.residual)
+    most = min(OLDER, count // (PER_OLDER * left.inputs.records[0].n_inputs))
+    if most <= PAST:
+        return found
+    again, _ = _from(first, left._replace(inputs=Inputs.of(left.inputs.records, most)), most)
+    return found if again.p_value < BESIDE_OLDER else again._replace(chance=BESIDE_OLDER)
+
+
+def _from(first: int, left: Left, most: int = PAST) -> tuple[Coming, Array]:
     """The test from so many samples ahead; what an input explains at its best one, each."""
-    past = [moved(record.u - record.u[0], range(1 - first, PAST + 1)) for record in inputs.records]
+    residual, own, noise, inputs, e, scale = left
+    past = [moved(record.u - record.u[0], range(1 - first, most + 1)) for record in inputs.records]
     ahead = range(-first, -first - COMING, -1)
     known = [np.hstack([np.nan_to_num(a), b]) for a, b in zip(own, past, strict=True)]
     basis = span(_white(known, residual, noise, scale))
@@ -377,9 +422,9 @@ def _from(
     best = min(alone, pooled, key=lambda one: one.p_value)
     ratio = best.statistic * best.dimension / max(best.freedom, 1)
     gain = count * float(np.log1p(ratio)) - 2.0 * best.dimension
-    left = extra - basis @ (basis.T @ extra)
-    norms = np.maximum(np.einsum("ij,ij->j", left, left), 1e-300)
-    slopes = left.T @ e / norms
+    new = extra - basis @ (basis.T @ extra)
+    norms = np.maximum(np.einsum("ij,ij->j", new, new), 1e-300)
+    slopes = new.T @ e / norms
     shares = slopes**2 * norms
     most = int(np.argmax(shares >= FIRST * shares.max()))
     sizes = np.max(np.abs(slopes).reshape(COMING, n_inputs)[: GUARD + 1 - first], axis=0)

@@ -55,12 +55,14 @@ CUTOFF = 1e-10
 """Singular value over the largest below which past inputs tell nothing new."""
 
 
-def small_surprises(records: Sequence[Record]) -> tuple[Array, ...]:
+def small_surprises(records: Sequence[Record], past: int = PAST) -> tuple[Array, ...]:
     """Small moves of the inputs that their past does not tell, large ones left out.
 
     Parameters
     ----------
     records : sequence of Record
+    past : int
+        Samples of each input that its surprises are told from, at most.
 
     Returns
     -------
@@ -74,18 +76,18 @@ def small_surprises(records: Sequence[Record]) -> tuple[Array, ...]:
     >>> bool(np.any(small_surprises([held])[0]))
     False
     """
-    return tuple(_of_one(np.asarray(record.u)) for record in records)
+    return tuple(_of_one(np.asarray(record.u), past) for record in records)
 
 
 # the same test is often made on many plants
 @recent(KEPT)
-def _of_one(u: Array) -> Array:
+def _of_one(u: Array, past: int) -> Array:
     """Of the inputs of one experiment, which may be of another kind than those of the others.
 
     Nobody may write into them.
     """
     n_samples, n_inputs = u.shape
-    most = max(1, min(PAST, n_samples // (PER_PAST * n_inputs)))
+    most = max(1, min(past, n_samples // (PER_PAST * n_inputs)))
     found = np.zeros((n_samples, n_inputs))
     known = _lagged(u, most)
     basis = np.ascontiguousarray(span(known, cutoff=CUTOFF).T)
