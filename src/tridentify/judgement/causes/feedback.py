@@ -37,7 +37,7 @@ from tridentify.estimation.likelihood.noise_levels import noise_sizes
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.judgement.causes.attempt import Attempt
 from tridentify.judgement.causes.direct_part import has_direct_part
-from tridentify.judgement.causes.levels_in_noise import chance_of_noise, levels_of
+from tridentify.judgement.causes.levels_in_noise import is_noise_of_its_sensor, levels_of
 from tridentify.judgement.causes.surprises import moved, small_surprises
 from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
@@ -80,10 +80,6 @@ of 417 open-loop records, with gusts, coloured noise, gaps and bends, none was b
 
 CHANCE_MEASURED = 1e-8
 """The same of an input that is not held: it is smooth, and hardly anything quite linear."""
-
-BY_ITSELF = 0.02
-"""p-value from which an input at levels moves by itself: a loop seldom looks so, and of inputs that
-are noisy one in fifty is still asked."""
 
 LEAST_SHARE = 0.02
 """Of the residual that inputs to come must explain: in a long record the slightest imperfection is
@@ -179,7 +175,7 @@ def _recorded_noise(record: Record) -> NDArray[np.bool_]:
     for j in range(record.n_inputs):
         levels = levels_of(record.u[:, j])
         at_levels = bool(np.isfinite(levels).any())
-        found[j] = at_levels and chance_of_noise(record, j, levels, COMING) > BY_ITSELF
+        found[j] = at_levels and is_noise_of_its_sensor(record, j, levels, COMING)
     return found
 
 

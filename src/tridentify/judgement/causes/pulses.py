@@ -26,7 +26,7 @@ from tridentify.judgement.causes.levels_in_noise import (
     AT_REST,
     STANDS_OUT,
     are_repeated,
-    chance_of_noise,
+    is_noise_of_its_sensor,
     levels_of,
 )
 from tridentify.judgement.causes.present import Present
@@ -37,9 +37,6 @@ from tridentify.numerics.robust import median_scale
 
 FLOOR = 0.02
 """Share of the largest pulse from which it is one, where the input at rest is exact."""
-
-NO_NOISE = 1e-3
-"""p-value from which they do tell it."""
 
 BESIDE = 1
 """Samples beside a pulse that belong to it: its flanks may be below the floor."""
@@ -115,7 +112,7 @@ def level_rivals(present: Present) -> Iterator[Rival]:
         u = record.u[:, j]
         levels = levels_of(u)
         rest = np.isfinite(levels)
-        if not rest.any() or (pulses(u) and not are_repeated(levels)):
+        if not rest.any() or (pulses(u) and _is_one_rest(levels)):
             continue
         size = float(np.std(u[rest] - levels[rest]))
         yield from _at_levels(
@@ -129,11 +126,16 @@ def level_rivals(present: Present) -> Iterator[Rival]:
         )
 
 
+def _is_one_rest(levels: Array) -> bool:
+    """Whether what lies beside an input's pulses is its rest, not levels that it comes back to."""
+    return np.unique(levels[np.isfinite(levels)]).size < 2 or not are_repeated(levels)
+
+
 def _at_levels(present: Present, j: int, levels: Array, what: str, advice: str) -> Iterator[Rival]:
     """The input at its level at rest, where what moves there is noise of its sensor."""
     (record,) = present.records
     u, rest = np.array(record.u), np.isfinite(levels)
-    if not (np.any(u[rest, j] != levels[rest]) and chance_of_noise(record, j, levels) > NO_NOISE):
+    if not (np.any(u[rest, j] != levels[rest]) and is_noise_of_its_sensor(record, j, levels)):
         return
     u[rest, j] = levels[rest]
     other = replace(present, records=(record._derive(u=u),))
