@@ -50,6 +50,24 @@ def test_spikes_beside_a_burst_are_found(seed: int) -> None:
     assert np.all(np.abs(spiked.y - clean.y)[at] > 0.0)
 
 
+def test_the_distance_said_is_over_the_size_of_the_noise_there() -> None:
+    """Quiet for most of the time: a wild sample there is less than one usual deviation of all."""
+    rng = np.random.default_rng(21)
+    noise = rng.standard_normal(N) * np.where(np.arange(N) % 300 < 200, 1.0, 60.0)
+    noise[100] = 20.0
+    places, farthest = _far_samples([noise], np.zeros(0))
+    assert (0, 100) in places
+    assert 8.0 < farthest < 40.0
+
+
+def test_what_is_far_off_together_is_no_bad_sample() -> None:
+    rng = np.random.default_rng(22)
+    noise = rng.standard_normal(N) * burst(6)
+    quiet = int(np.flatnonzero(burst(6) == 1.0)[40])
+    noise[quiet : quiet + 6] += 25.0
+    assert _far_samples([noise], np.zeros(0)) == ([], 0.0)
+
+
 def test_little_change_is_a_note() -> None:
     sizes = np.where(np.arange(N) < N // 2, 1.0, 1.3)
     found = [one for seed in range(3) for one in identify(record(seed, sizes), (2, 0)).findings]

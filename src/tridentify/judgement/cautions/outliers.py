@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -144,7 +145,9 @@ def _far_samples(series: Sequence[Array], a: Array) -> tuple[list[tuple[int, int
     limit = farthest_by_chance(FALSE_ALARMS, seen.size)
     even = [np.nan_to_num(over_local_size(one)) for one in left]
     places = [(e, int(k)) for e, one in enumerate(even) for k in np.flatnonzero(abs(one) > limit)]
-    return places, max((abs(float(series[e][k]) - middle) / scale for e, k in places), default=0.0)
+    if 2 * _apart(places) < len(places):
+        return [], 0.0
+    return places, max((abs(float(even[e][k])) for e, k in places), default=0.0)
 
 
 def _of_one_size(series: Sequence[Array], a: Array) -> Sequence[Array]:
@@ -223,14 +226,13 @@ def spikes(series: Sequence[Array], a: Array) -> tuple[list[tuple[int, int]], fl
             first, last = max(k - a.size, 0), min(k + a.size + 1, left.size)
             left[first:last] -= left[k] * taps[first - k + a.size : last - k + a.size]
     places = [(e, k) for e, k in places if not _sets_in(series[e], k, a)]
-    apart = sum(
-        all(
-            other == here or other[0] != here[0] or abs(other[1] - here[1]) > BESIDE
-            for other in places
-        )
-        for here in places
-    )
-    return (sorted(places), farthest) if places and 2 * apart >= len(places) else ([], 0.0)
+    return (sorted(places), farthest) if 2 * _apart(places) >= len(places) > 0 else ([], 0.0)
+
+
+def _apart(places: Sequence[tuple[int, int]]) -> int:
+    """How many samples (experiment, sample) have no other one beside them."""
+    near = [a[0] == b[0] and b[1] - a[1] <= BESIDE for a, b in pairwise(sorted(places))]
+    return sum(not (a or b) for a, b in zip([False, *near], [*near, False], strict=True))
 
 
 def _taps(a: Array) -> Array:
