@@ -30,6 +30,9 @@ both do in one record of fifteen where the input jumps every tenth sample."""
 WORTH_A_LOOK = 0.15
 """The same, from which causes are looked for: of a late command one sample may be far."""
 
+FIRST_SAMPLES = 8
+"""Samples at the start of a record that four poles, with a free start, fit whatever they are."""
+
 UNFORESEEN = 4.0
 """Standard deviations of what the past does not tell of an output from which a sample is bad where
 the input reacts to it: of Gaussian noise one in sixteen thousand."""
@@ -38,6 +41,24 @@ the input reacts to it: of Gaussian noise one in sixteen thousand."""
 def with_outliers(one: Evidence, rows: Array) -> Evidence:
     """With other outliers."""
     return one.having(normality=replace(one.normality, outliers=rows))
+
+
+def first_ones(view: View, rows: Array) -> Array:
+    """Those of some far samples that are among the first of a record."""
+    last = [record.t[min(FIRST_SAMPLES, record.n_samples) - 1] for record in view.records]
+    return rows[rows[:, 1] <= np.take(last, rows[:, 0].astype(int))] if len(rows) else rows
+
+
+def with_those_between(view: View, index: int, found: Evidence) -> Evidence:
+    """With single samples between bad ones at the start: a free start follows one that is left."""
+    rows = found.normality.outliers
+    first, added = first_ones(view, rows), []
+    for e, record in enumerate(view.records):
+        at = np.searchsorted(record.t, first[first[:, 0] == e, 1] - 0.5 * view.step)
+        for k in sorted((set(at + 1) & set(at - 1)) - set(at)):
+            if np.isfinite(value := view.outputs[index].standardised[e][k]):
+                added.append((float(e), float(record.t[k]), float(value)))
+    return with_outliers(found, np.vstack([rows, *added])) if added else found
 
 
 def with_bad_samples_alone(view: View, found: Evidence) -> Evidence:

@@ -41,10 +41,13 @@ from tridentify.judgement.validation.explained import (
     told_alone,
 )
 from tridentify.judgement.validation.far_samples import (
+    FIRST_SAMPLES,
     WORTH_A_LOOK,
     after_a_jump,
+    first_ones,
     with_bad_samples_alone,
     with_outliers,
+    with_those_between,
     without_foreseen,
 )
 from tridentify.judgement.validation.likelihood_ratio import CALLED
@@ -60,8 +63,6 @@ FADED = 0.5
 NOTHING = 1.0
 """p-value of a test whose result another cause explains."""
 
-FIRST_SAMPLES = 8
-"""Samples at the start of a record that four poles, with a free start, fit whatever they are."""
 WILD = 6.0
 """Standard deviations from which one of them is worth all tests: of Gaussian noise one in a
 thousand million."""
@@ -209,7 +210,7 @@ def try_causes(view: View, estimate: Estimate, n_lags: int, rate: float) -> Trie
     if not found or not without.cause:
         return without
     # the start of a larger model follows whatever stands at the start of a record
-    early = sum(len(_first_ones(view, one.normality.outliers)) for one in without.evidence)
+    early = sum(len(first_ones(view, one.normality.outliers)) for one in without.evidence)
     follows = without.cause == "order-low" and early > FADED * found
     if follows and _far_without(without, view) > FADED * found:
         return without
@@ -309,12 +310,6 @@ def _ends(tried: TriedCauses) -> tuple[Attempt, ...]:
     assert tried.explained is not None
     named = tried.named
     return (tried.explained.present,) if named is None else named.attempts
-
-
-def _first_ones(view: View, rows: Array) -> Array:
-    """Those of some far samples that are among the first of a record."""
-    last = [record.t[min(FIRST_SAMPLES, record.n_samples) - 1] for record in view.records]
-    return rows[rows[:, 1] <= np.take(last, rows[:, 0].astype(int))] if len(rows) else rows
 
 
 def _far_without(tried: TriedCauses, given: View) -> int:
@@ -431,8 +426,8 @@ def _cleaned(
     for _ in range(LOOKS):
         # nothing is hidden where nothing is wild
         again = [
-            _first_ones(view, _examined(clean, i, setting).normality.outliers)
-            if len(_first_ones(view, one.normality.outliers))
+            first_ones(view, _examined(clean, i, setting).normality.outliers)
+            if len(first_ones(view, one.normality.outliers))
             else one.normality.outliers[:0]
             for i, one in enumerate(evidence)
         ]
@@ -443,7 +438,8 @@ def _cleaned(
             for one, rows in zip(evidence, again, strict=True)
         ]
         clean = _all_taken_out(view, evidence)
-    return clean, evidence
+    evidence = [with_those_between(view, i, one) for i, one in enumerate(evidence)]
+    return _all_taken_out(view, evidence), evidence
 
 
 def _all_taken_out(view: View, evidence: Sequence[Evidence]) -> View:
