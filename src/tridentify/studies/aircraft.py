@@ -17,9 +17,9 @@ All of them know that the record starts at rest and has no offset. What the pape
 
 *gamma* is not printed. Here it is the geometric mean of the corner frequencies of the printed
 filter, ``7^(1/3) = 1.91 rad/s``: a value of the order of the filter's bandwidth that uses neither
-the true coefficients nor the results. It hardly matters: at noise ratio 1, with 200 draws of seed
-0, gamma between 1 and 4 rad/s gave medians of a1 from 0.78 to 0.80 on the short records and from
-0.69 to 0.85 on the long ones, all with about the same spread. A copy of the file takes another one.
+the true coefficients nor the results. It hardly matters: at noise ratio 1, with 200 draws, gamma
+between 1 and 4 rad/s gave medians of a1 from 0.78 to 0.80 on the short records and from 0.69 to
+0.85 on the long ones, all with about the same spread. A copy of the file takes another one.
 
 *The noise-to-signal ratio* is not defined; see above for the reading that is used.
 
