@@ -11,6 +11,7 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Callable, Sequence
+from concurrent.futures import as_completed
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -20,7 +21,7 @@ from plants import AIRCRAFT, RAO_GARNIER, Cell
 
 from tridentify import Structure, ThreeModel, TransferFunction, identify
 from tridentify.identify import METHODS
-from tridentify.studies.processes import run_batches
+from tridentify.studies.processes import process_pool
 from tridentify.studies.step_2_alone import step_2_alone
 
 Array = NDArray[np.float64]
@@ -165,7 +166,11 @@ def contest(
         if not left[name]:
             say(f"{time.perf_counter() - begin:7.0f} s  {name}")
 
-    parts = run_batches(run, tasks, workers=workers, finished=finished)
+    with process_pool(workers) as pool:
+        numbers = {pool.submit(run, task): k for k, task in enumerate(tasks)}
+        for future in as_completed(numbers):
+            finished(numbers[future])
+    parts = [future.result() for future in numbers]
     for label in names:
         mine = [part for task, part in zip(tasks, parts, strict=True) if task.label == label]
         spent = sum(float(part.seconds.sum()) for part in mine)

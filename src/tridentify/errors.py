@@ -15,68 +15,6 @@ from __future__ import annotations
 
 from typing import Self
 
-__all__ = [
-    "BoundsError",
-    "CandidateError",
-    "ChannelCountError",
-    "ChannelNameError",
-    "ChannelNumberError",
-    "CoefficientError",
-    "CoefficientMapError",
-    "ConstantInputError",
-    "ContradictoryConstraintsError",
-    "ConvergenceError",
-    "DataError",
-    "DataWarning",
-    "DelayError",
-    "DependentInputsError",
-    "DuplicateColumnError",
-    "EmptyChannelError",
-    "EmptyFileError",
-    "EmptyRangeError",
-    "ForeignObjectError",
-    "FileTooLargeError",
-    "EqualityError",
-    "IdentifiabilityError",
-    "ImproperModelError",
-    "LengthMismatchError",
-    "MissingColumnError",
-    "MissingDependencyError",
-    "MissingHeaderError",
-    "NonUniformTimeError",
-    "NotFiniteError",
-    "OptionError",
-    "OrderError",
-    "OutputPathError",
-    "ParameterNameError",
-    "PhysicalParameterError",
-    "PriorError",
-    "RaggedRowError",
-    "ResampleError",
-    "SampleTypeError",
-    "SamplingError",
-    "ShapeError",
-    "StaticGainError",
-    "StepNotTakenError",
-    "StructureError",
-    "TextInColumnError",
-    "ThousandsSeparatorError",
-    "TimeNotIncreasingError",
-    "TooFewSamplesError",
-    "TridentifyError",
-    "UndeterminedError",
-    "UnknownParameterError",
-    "UnitError",
-    "UnitMismatchError",
-    "UnreadableFileError",
-    "UnstablePlantError",
-    "UnsupportedError",
-    "UnsupportedOrderError",
-    "ZeroInputError",
-    "ZeroOutputError",
-    "shown",
-]
-
 
 def shown(value: object, limit: int = 40) -> str:
     r"""Quote foreign text on one line, shortened, so that a message stays one clear line.
@@ -387,3 +325,6 @@ class OutputPathError(TridentifyError, OSError):
 
 class DataWarning(UserWarning):
     """The data are usable, with a caution that the message states."""
+
+
+__all__ = ["shown", *(name for name in list(globals()) if name.endswith(("Error", "Warning")))]

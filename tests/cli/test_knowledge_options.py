@@ -7,7 +7,7 @@ import json
 import pytest
 
 from tridentify import errors
-from tridentify.cli.knowledge import known_from
+from tridentify.cli.ask import known_from
 
 
 def read(option, *texts):

@@ -124,13 +124,6 @@ def test_workers_beside_a_scheduler_are_one_line(run, file):
     assert "found --workers beside --scheduler" in line
 
 
-def test_a_program_does_not_go_to_a_scheduler(run):
-    outcome = run("study", "aircraft", "--scheduler", "tcp://127.0.0.1:9")
-    assert outcome.code == 2
-    (line,) = outcome.error_lines
-    assert "take aircraft.toml, or --workers" in line
-
-
 def test_what_is_no_scheduler_is_one_line(run, file):
     outcome = run("study", file, "--scheduler", "host")
     assert outcome.code == 2

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 
 import numpy as np
 import pytest
@@ -23,9 +24,15 @@ from tridentify.plots.study import (
     save_study_figures,
 )
 from tridentify.record.record import Record
-from tridentify.studies import STUDIES, Study, StudyResult
-from tridentify.studies import aircraft as module
-from tridentify.studies.aircraft import FILTER, PLANT, AircraftStudy, noise_free_record
+from tridentify.studies import (
+    STUDIES,
+    Study,
+    StudyResult,
+    read_study,
+    run_study,
+    shipped_study,
+    study_from,
+)
 from tridentify.studies.aircraft_result import (
     ESTIMATORS,
     FAILED,
@@ -36,20 +43,43 @@ from tridentify.studies.aircraft_result import (
     Event,
 )
 from tridentify.studies.cramer_rao import information_factor, output_sensitivities
-from tridentify.studies.processes import THREADS, run_batches
+from tridentify.studies.declared.draw import drawn, generator, prepare
+from tridentify.studies.declared.nouns import cells
+from tridentify.studies.declared.result import DeclaredResult
+from tridentify.studies.processes import THREADS, process_pool
 from tridentify.studies.step_2_alone import step_2_alone
 from tridentify.transfer_function import TransferFunction
 
 DRAWS = 4
-SHORT = AircraftStudy(ratios=(0.0, 1.0), lengths=((100, 0.05), (120, 0.05)))
+PLANT = TransferFunction([0.5], [1.0, 1.0, 3.0], input_names=["x"], output_names=["y"])
+FILTER = (1.0, 5.0, 6.0, 7.0)
+
+
+def short():
+    """The study on records of 5 and 6 s, without noise and with as much as there is signal."""
+    told = tomllib.loads(shipped_study("aircraft").read_text())
+    told["inputs"]["step 50 s"]["samples"] = 120
+    told["noises"]["white"]["ratio"] = [0.0, 1.0]
+    return study_from(told)
+
+
+def noise_free_record(n_samples, dt):
+    x = np.ones(n_samples)
+    return Record(x, simulate(PLANT, Record(x, x, dt=dt)), dt=dt)
+
+
+def noisy_records(length, level, count):
+    """Some of the records of the study."""
+    cell = [one for one in cells(read_study(shipped_study("aircraft")))][5 * length + level]
+    prepared = prepare(cell)
+    size = prepared.u.size
+    return [prepared.record(drawn(cell.noise, generator(cell, 0, k), size)) for k in range(count)]
 
 
 @pytest.fixture(scope="module")
 def counted():
-    """A small run, and what its progress callback was told."""
-    told: list[tuple[int, int]] = []
-    result = SHORT.run(draws=DRAWS, seed=3, workers=1, progress=lambda *now: told.append(now))
-    return result, told
+    """A small run."""
+    return AircraftResult.of(run_study(short(), draws=DRAWS, seed=3, workers=1))
 
 
 @pytest.fixture
@@ -58,9 +88,10 @@ def made_up():
 
     def make(theta, events=(), ratio=1.0):
         clean = noise_free_record(100, 0.05)
-        factor = information_factor(output_sensitivities(PLANT, clean.u[:, 0], 0.05))
+        psi = output_sensitivities(PLANT, clean.u[:, 0], 0.05)
+        bound = np.sqrt(np.diag(cramer_rao(psi, (0.16 * ratio) ** 2)))
         theta = np.broadcast_to(np.asarray(theta, dtype=float), (3, *np.shape(theta)[-2:]))
-        return Condition(clean, ratio, 0.16 * ratio, factor, theta, tuple(events))
+        return Condition(clean, ratio, 0.16 * ratio, bound, theta, tuple(events))
 
     return make
 
@@ -141,7 +172,7 @@ def test_step_2_alone_is_least_squares_on_filtered_signals():
     """The same normal equations from signals filtered by another library."""
     import scipy.signal
 
-    record = SHORT.record(0, length=0, level=1, draw=0)
+    (record,) = noisy_records(length=0, level=1, count=1)
     t, y, x = record.t, record.y[:, 0], record.u[:, 0]
     powers = ([1.0, 0.0, 0.0], [1.0, 0.0], [1.0])
     filtered = [scipy.signal.lsim((power, FILTER), y, t, interp=True)[1] for power in powers]
@@ -153,7 +184,7 @@ def test_step_2_alone_is_least_squares_on_filtered_signals():
 
 def test_step_2_alone_falls_with_the_noise():
     """The paper's eq. (6)-(9): the square of the noise pulls a1 and a0 down, b0 with them."""
-    noisy = [AircraftStudy().record(0, length=1, level=2, draw=k) for k in range(10)]
+    noisy = noisy_records(length=1, level=2, count=10)
     a1, a0, _ = np.median([step_2_alone(record, 2, 0, FILTER) for record in noisy], axis=0)
     assert a1 < 0.3
     assert a0 < 2.0
@@ -169,62 +200,28 @@ def test_the_table_of_studies_keeps_its_promise(counted):
     for name, study in STUDIES.items():
         assert isinstance(study, Study)
         assert (study.name, bool(study.description)) == (name, True)
-    assert isinstance(counted[0], StudyResult)
-
-
-@pytest.mark.slow
-def test_the_result_does_not_depend_on_workers_or_batches(counted, monkeypatch):
-    monkeypatch.setattr(module, "BATCH", 3)
-    other = SHORT.run(draws=DRAWS, seed=3, workers=2)
-    for one, two in zip(counted[0].conditions, other.conditions, strict=True):
-        np.testing.assert_array_equal(one.theta, two.theta)
-        assert one.events == two.events
-    assert counted[0].table() == other.table()
-
-
-def test_progress_counts_every_record(counted):
-    told = counted[1]
-    total = 2 * (1 + DRAWS)
-    assert told[0] == (0, total)
-    assert told[-1] == (total, total)
-    assert [done for done, _ in told] == sorted(done for done, _ in told)
-
-
-def test_every_draw_has_noise_of_its_own():
-    places = [(length, level, draw) for length in (0, 1) for level in (1, 2) for draw in (0, 1)]
-    study = AircraftStudy(ratios=(0.0, 1.0, 1.0), lengths=((100, 0.05), (100, 0.05)))
-    records = [study.record(0, *place).y for place in places]
-    records.append(study.record(1, *places[0]).y)
-    for i, one in enumerate(records):
-        assert all(abs(np.corrcoef(one[:, 0], two[:, 0])[0, 1]) < 0.7 for two in records[:i])
-    np.testing.assert_array_equal(records[0], study.record(0, *places[0]).y)
-
-
-def test_noise_has_the_stated_size():
-    study = AircraftStudy(ratios=(2.0,), lengths=((20000, 0.05),))
-    clean = noise_free_record(20000, 0.05)
-    noise = study.record(0, 0, 0, 0).y - clean.y
-    assert np.std(noise) / np.sqrt(np.mean(clean.y**2)) == pytest.approx(2.0, rel=0.03)
+    assert isinstance(counted, StudyResult)
 
 
 @pytest.mark.parametrize("options", [{"draws": 0}, {"seed": -1}, {"workers": 0}])
 def test_numbers_that_make_no_sense_are_refused(options):
     with pytest.raises(OptionError, match=f"found {next(iter(options))}="):
-        SHORT.run(**options)
+        STUDIES["aircraft"].run(**options)
 
 
 @pytest.mark.slow
 def test_processes_are_single_threaded_and_the_caller_is_left_alone(monkeypatch):
     monkeypatch.setenv(THREADS[0], "7")
     monkeypatch.delenv(THREADS[1], raising=False)
-    assert run_batches(os.getenv, THREADS[:2], workers=1) == ["1", "1"]
+    with process_pool(1) as pool:
+        assert list(pool.map(os.getenv, THREADS[:2])) == ["1", "1"]
     assert os.environ[THREADS[0]] == "7"
     assert THREADS[1] not in os.environ
 
 
 def test_a_dead_process_is_one_clear_error():
-    with pytest.raises(TridentifyError, match=r"died.*fewer workers"):
-        run_batches(os._exit, [3], workers=1)
+    with pytest.raises(TridentifyError, match=r"died.*fewer workers"), process_pool(1) as pool:
+        pool.submit(os._exit, 3).result()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals to process groups")
@@ -237,8 +234,8 @@ def test_no_process_outlives_the_caller(number, workers):
     program = (
         "import time, tridentify.studies.processes as p\n"
         "print('running', flush=True)\n"
-        f"p.run_batches(time.sleep, [0.2] * 500, workers={workers}, "
-        "finished=lambda k: print(k, flush=True))"
+        f"with p.process_pool({workers}) as pool:\n"
+        "    for k, _ in enumerate(pool.map(time.sleep, [0.2] * 500)): print(k, flush=True)"
     )
     caller = subprocess.Popen(
         [sys.executable, "-c", program],
@@ -270,7 +267,7 @@ def test_no_process_outlives_the_caller(number, workers):
 
 # ------------------------------------------------------------------------------ numbers and text
 def test_without_noise_every_estimator_finds_the_truth(counted):
-    for condition in counted[0].conditions:
+    for condition in counted.conditions:
         if condition.ratio == 0:
             assert condition.n_draws == 1
             assert condition.events == ()
@@ -307,41 +304,41 @@ def test_a_condition_where_all_failed_is_shown_and_not_dropped(made_up):
     assert len(numbers["conditions"][0]["events"]) == 4
 
 
-def test_an_exception_of_an_estimator_is_counted(monkeypatch):
-    def fail(*_):
-        raise IdentifiabilityError("no way; expected one; go on")
+def test_draws_are_those_of_the_file_and_what_failed_or_was_flagged_is_told():
+    study = short()
+    cell = cells(study)[1]
+    names = [method.name for method in study.methods]
+    none = dict.fromkeys(("theta", "low", "high"))
 
-    monkeypatch.setattr(module, "step_2_alone", fail)
-    batch = module._Batch(SHORT, seed=0, length=0, level=1, first=2, last=4)
-    outcome = module._estimate(batch)
-    assert np.all(np.isnan(outcome.theta[0]))
-    assert np.all(np.isfinite(outcome.theta[1]))
-    failed = [event for event in outcome.events if event.kind == FAILED]
-    assert [(event.estimator, event.draw) for event in failed] == [
-        (ESTIMATORS[0], 2),
-        (ESTIMATORS[0], 3),
-    ]
-    assert failed[0].reason.startswith("IdentifiabilityError: no way")
+    def row(method, draw, **told):
+        own = {"cell": cell.name, "method": method, "draw": draw, "failure": "", "ok": True}
+        return own | none | {"status": "CONVERGED", "seconds": 0.1} | told
+
+    rows = [row(name, k, theta=[1.0, 3.0, 0.1 * k]) for k in (1, 0) for name in names]
+    rows[0] |= {"theta": None, "status": "", "ok": False, "failure": "SomeError: no way"}
+    rows[1]["status"] = "MAX_PASSES"
+    found = AircraftResult.of(DeclaredResult.of(study, rows))
+    assert (found.seed, found.draws, found.passes) == (0, 200, 20)
+    assert found.gamma == pytest.approx(7 ** (1 / 3))
+    assert [c.ratio for c in found.conditions] == [0.0, 1.0, 0.0, 1.0]
+    condition = found.conditions[1]
+    np.testing.assert_array_equal(condition.theta[2], [[1.0, 3.0, 0.0], [1.0, 3.0, 0.1]])
+    assert np.all(np.isnan(condition.theta[0, 1]))
+    assert condition.events == (
+        Event(names[0], 1, FAILED, "SomeError: no way"),
+        Event(names[1], 1, FLAGGED, "max passes"),
+    )
 
 
-def test_a_bug_is_not_counted_as_a_failure(monkeypatch):
-    def broken(*_):
-        raise KeyError("bug")
-
-    monkeypatch.setattr(module, "step_2_alone", broken)
-    with pytest.raises(KeyError):
-        module._estimate(module._Batch(SHORT, 0, 0, 1, 0, 1))
-
-
-def test_the_bound_is_the_root_of_the_cramer_rao(made_up):
-    condition = made_up([[1.0, 3.0, 0.5]])
-    psi = output_sensitivities(PLANT, np.ones(100), 0.05)
-    covariance = cramer_rao(psi, condition.noise_std**2)
-    np.testing.assert_allclose(condition.bound, np.sqrt(np.diag(covariance)))
+def test_the_bound_is_the_root_of_the_cramer_rao(counted):
+    for condition in counted.conditions:
+        psi = output_sensitivities(PLANT, np.ones(condition.n_samples), 0.05)
+        covariance = cramer_rao(psi, condition.noise_std**2)
+        np.testing.assert_allclose(condition.bound, np.sqrt(np.diag(covariance)), rtol=1e-9)
 
 
 def test_text_fits_a_terminal_and_tells_the_truth(counted):
-    text = counted[0].table()
+    text = counted.table()
     assert max(map(len, text.splitlines())) <= 78
     assert text.isascii()
     assert text.endswith("'The paper's aircraft' in the documentation.")
@@ -356,7 +353,7 @@ def test_text_fits_a_terminal_and_tells_the_truth(counted):
 
 # ---------------------------------------------------------------------------------------- figures
 def test_pictures_are_written(counted, tmp_path):
-    paths = save_study_figures(counted[0], tmp_path / "new")
+    paths = save_study_figures(counted, tmp_path / "new")
     assert [path.name for path in paths] == [
         "aircraft-step-response.svg",
         "aircraft-noise-levels.svg",
@@ -366,18 +363,18 @@ def test_pictures_are_written(counted, tmp_path):
 
 
 def test_pictures_have_labels_and_units(counted):
-    five, six = plot_step_responses(counted[0]), plot_noise_levels(counted[0])
+    five, six = plot_step_responses(counted), plot_noise_levels(counted)
     assert (len(five), len(six)) == (5, 4)
     assert all("[" in ax.get_ylabel() for ax in (*five, six[0], six[2]))
     assert five[-1].get_xlabel() == "time [s]"
     assert all(ax.get_xlabel() for ax in six[2:])
     for wrong in (plot_step_responses, plot_noise_levels):
         with pytest.raises(ValueError, match="expected"):
-            wrong(counted[0], axes=[])
+            wrong(counted, axes=[])
 
 
 def test_bands_hold_the_fitted_models(counted):
-    condition = counted[0].conditions[1]
+    condition = counted.conditions[1]
     record = condition.example
     band = response_band(condition, 2, record)
     a1, a0, b0 = condition.theta[2, 0]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,8 +13,6 @@ import pytest
 from declared import document, numbers
 from tridentify.errors import OptionError
 from tridentify.studies import read_study, run_study, shipped_study, study_from
-from tridentify.studies.aircraft import AircraftStudy
-from tridentify.studies.aircraft_result import ESTIMATORS
 from tridentify.studies.declared import draw as drawing
 from tridentify.studies.declared import run as running
 from tridentify.studies.declared.draw import (
@@ -198,27 +195,6 @@ def test_statistics_of_draws_that_are_known() -> None:
     assert found.coverage_error == pytest.approx(math.sqrt(3 / 7 * 4 / 7 / 7))
     assert found.intervals == 3
     assert found.seconds == pytest.approx(0.15)
-
-
-@pytest.mark.slow
-def test_the_papers_aircraft_as_a_file_is_the_study_of_the_package() -> None:
-    draws, ratios = 40, (0.0, 0.5)
-    told = tomllib.loads(shipped_study("aircraft").read_text())
-    told["noises"]["white"]["ratio"] = list(ratios)
-    ours = run_study(study_from(told), draws=draws).statistics
-    theirs = AircraftStudy(ratios=ratios).run(draws=draws)
-    assert len(theirs.conditions) == 4
-    for number, condition in enumerate(theirs.conditions):
-        for k, estimator in enumerate(ESTIMATORS):
-            rows = [row for row in ours if row.method == estimator][3 * number : 3 * number + 3]
-            np.testing.assert_allclose([row.bound for row in rows], condition.bound, rtol=1e-9)
-            theta = condition.theta[k]
-            own = theta[np.all(np.isfinite(theta), axis=1)] - [row.truth for row in rows]
-            assert len(own) == rows[0].draws - rows[0].failed
-            if condition.ratio:  # other noise, so that means differ as two of them may
-                error = SIGMAS * math.sqrt(2) * np.array([row.bias_error for row in rows])
-                away = np.abs(own.mean(axis=0) - [row.bias for row in rows])
-                assert np.all(away < error)
 
 
 def test_rows_do_not_depend_on_the_other_cells() -> None:

@@ -10,6 +10,7 @@ from tridentify import errors as err
 from tridentify.estimation.methods.filtered.asymptotic_bias import asymptotic_bias
 from tridentify.estimation.methods.filtered.filter_cascade import filter_cascade
 from tridentify.estimation.methods.filtered.noise_through_filters import FilterColumns
+from tridentify.numerics.discretize import discretize
 
 pytestmark = pytest.mark.unjudged
 
@@ -29,6 +30,18 @@ def blank(u, dt=DT, **options):
 
 
 # ------------------------------------------------------------------------- the noise matrix
+def applied(columns, signal, dt):
+    """A signal, joined by lines between its samples, through the filters, from rest."""
+    step = discretize(columns.c.a, columns.c.b[:, None], dt, "foh")
+    current, after = step.from_current[:, 0], step.from_next[:, 0]
+    state, states = np.zeros(columns.c.order), []
+    for k, value in enumerate(signal):
+        if k:
+            state = step.transition @ state + current * signal[k - 1] + after * value
+        states.append(state)
+    return np.array(states) @ columns.rows.T + np.outer(signal, columns.direct)
+
+
 @pytest.mark.parametrize("coefficients", [(1.0, 2.0), (1.0, 2.0, 5.0), (1.0, 7.0, 15.0, 25.0)])
 @pytest.mark.parametrize("n_poles", [1, 2])
 def test_noise_matrices_are_those_of_unit_samples(coefficients, n_poles):
@@ -36,7 +49,7 @@ def test_noise_matrices_are_those_of_unit_samples(coefficients, n_poles):
     if len(coefficients) - 1 < n_poles:
         pytest.skip("the filter's degree is too low")
     columns, n = FilterColumns.of(filter_cascade(coefficients, n_poles), n_poles), 25
-    answers = np.array([columns.applied(sample, 0.1) for sample in np.eye(n)])
+    answers = np.array([applied(columns, sample, 0.1) for sample in np.eye(n)])
     assert np.allclose(columns.gram(n, 0.1), np.einsum("jki,jkl->il", answers, answers), atol=1e-13)
     q = np.linalg.qr(np.random.default_rng(0).standard_normal((n, 4)))[0]
     along = np.einsum("jki,kr->ijr", answers, q)

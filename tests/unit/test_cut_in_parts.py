@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tridentify import Record
-from tridentify.cli.stretches import pieces, stretches_from
+from tridentify.cli.load import pieces, stretches_from
 from tridentify.errors import EmptyRangeError
 
 

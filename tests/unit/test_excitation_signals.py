@@ -17,7 +17,7 @@ from tridentify.excitation import (
     prbs,
     three_two_one_one,
 )
-from tridentify.excitation.crest import crest, low_crest, schroeder, signal_of
+from tridentify.excitation.multisine import crest, low_crest, schroeder, signal_of
 from tridentify.excitation.prbs import TAPS, sequence
 
 

@@ -10,7 +10,7 @@ from tridentify import Record, Structure, ThreeModel, TransferFunction, identify
 from tridentify.numerics.slices import drain
 from tridentify.online.residual import refined, whitened
 from tridentify.online.search import record_of
-from tridentify.online.second_look import doubted
+from tridentify.online.steps import doubted
 from tridentify.online.suspicion import Old, still_old
 
 DT = 0.02

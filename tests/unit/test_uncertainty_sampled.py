@@ -10,7 +10,7 @@ import pytest
 from tridentify import TransferFunction, uncertainty
 from tridentify.errors import OptionError, UnsupportedError
 from tridentify.structure import Structure
-from tridentify.uncertainty import draws, stable_scale
+from tridentify.uncertainty import draws
 from tridentify.uncertainty.intervals import intervals
 
 OMEGA = np.array([0.3, 2.0, 10.0])
@@ -231,51 +231,3 @@ def test_all_draws_on_one_side_stay_within_the_draws():
 def test_unknown_kind_is_refused():
     with pytest.raises(OptionError, match="percentile"):
         intervals(np.zeros((2, 1)), [0.0], 0.9, "exact")
-
-
-# ------------------------------------------------------------------------------- the stable scale
-@pytest.mark.parametrize("n", [1, 2, 3, 4, 6])
-def test_routh_numbers_are_positive_for_stable_polynomials_only(n):
-    rng = np.random.default_rng(n)
-    for _ in range(20):
-        poles = np.roots(stable_scale.unrouth(np.exp(rng.standard_normal((1, n))))[0])
-        assert np.all(poles.real < 0)
-        g = np.exp(2.0 * rng.standard_normal((1, n)))
-        assert stable_scale.routh(stable_scale.unrouth(g)[0]) == pytest.approx(g[0], rel=1e-6)
-        unstable = np.real(np.poly([*(-rng.uniform(0.1, 3.0, n - 1)), 0.5]))
-        assert not np.all(stable_scale.routh(unstable) > 0)
-
-
-def test_stable_draws_have_the_same_covariance_where_errors_are_small(double):
-    estimate = shrunk(double, 1e-3)
-    theta = uncertainty.sample(estimate, 20000, scale="stable").theta
-    found = np.cov((theta - estimate.theta) / estimate.std, rowvar=False)
-    expected = estimate.cov / np.outer(estimate.std, estimate.std)
-    assert np.abs(found - expected).max() < 0.05
-
-
-def test_stable_draws_are_stable_and_positive(single):
-    estimate = loose(single, (0.2, 4.0, 1.0), (0.3, 0.5, 0.1))
-    sample = uncertainty.sample(estimate, scale="stable")
-    assert sample.n_unstable == 0
-    rows = uncertainty.sampled_coefficients(sample)
-    assert rows[0].low > 0
-    assert rows[0].low * rows[0].high == pytest.approx(0.04, rel=0.25)  # even on the logarithm
-    wild = loose(single, (0.2, 4.0, 1.0), (1e4, 1e5, 1e4))
-    assert np.all(np.isfinite(uncertainty.sample(wild, scale="stable").theta))
-
-
-def test_stable_scale_refuses_what_it_cannot_hold(single):
-    with pytest.raises(UnsupportedError, match="not stable"):
-        uncertainty.sample(loose(single, (-0.2, 4.0, 1.0), (0.1, 0.1, 0.1)), scale="stable")
-    known = dataclasses.replace(
-        single.estimate,
-        structure=Structure(2, 0, delay="free"),
-        names=("a1", "a0", "b0", "delay"),
-        theta=np.append(single.estimate.theta, 0.1),
-        cov=np.eye(4),
-    )
-    with pytest.raises(UnsupportedError, match="delay"):
-        uncertainty.sample(known, scale="stable")
-    with pytest.raises(OptionError, match="scale"):
-        uncertainty.sample(single.estimate, scale="log")

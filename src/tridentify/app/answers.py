@@ -25,13 +25,12 @@ from tridentify.report.first_screen import (
     as_sentence,
     headline_of,
     in_order,
+    is_result,
     trust_of,
 )
 from tridentify.uncertainty import derived
 
 LEVEL = 0.95
-LATE = 0.5
-"""Standard error over the value, from which a number is no result."""
 
 
 def described(
@@ -111,12 +110,8 @@ def _row(one: Any) -> dict[str, Any]:
 def _key_numbers(estimate: Estimate) -> list[Any]:
     """Delays, the slowest mode and the gain as far as they are determined, then coefficients."""
     first, others = in_order(estimate)
-    told = [one for one in first if _is_result(one)]
-    return [*told, *sorted(others, key=lambda one: not _is_result(one))][:NUMBERS]
-
-
-def _is_result(one: Any) -> bool:
-    return bool(np.isfinite(one.value) and one.std < LATE * abs(one.value))
+    told = [one for one in first if is_result(one)]
+    return [*told, *sorted(others, key=lambda one: not is_result(one))][:NUMBERS]
 
 
 def _validated(

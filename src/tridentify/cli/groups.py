@@ -14,9 +14,8 @@ from typing import Annotated, Any, Literal
 import typer
 
 from tridentify.cli import ask, options
-from tridentify.cli.knowledge import known_from
-from tridentify.cli.load import RecordSource, asked_channels, rules_from, units_from
-from tridentify.cli.stretches import stretches_from
+from tridentify.cli.ask import known_from
+from tridentify.cli.load import RecordSource, asked_channels, rules_from, stretches_from, units_from
 from tridentify.estimation.methods.base import Method
 from tridentify.record.checks.samples import Intersample
 from tridentify.record.formats.assemble import Instants, Wanted

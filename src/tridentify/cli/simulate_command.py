@@ -18,8 +18,7 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.models.simulate import simulate
 from tridentify.record.checks.samples import Intersample
 from tridentify.record.formats.assemble import InputsAlone
-from tridentify.writing.columns import columns_over_time
-from tridentify.writing.files import write_atomically
+from tridentify.writing.files import columns_over_time, write_atomically
 
 
 def simulate_file(

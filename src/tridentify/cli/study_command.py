@@ -51,8 +51,8 @@ def study(
     workers
         Processes; by default as many as processors. The result does not depend on it.
     scheduler
-        A Dask scheduler, such as tcp://host:8786, whose workers make the draws of a file. The
-        result does not depend on it.
+        A Dask scheduler, such as tcp://host:8786, whose workers make the draws. The result does
+        not depend on it.
     out
         Write the table, the numbers and the pictures there. The draws of a file are appended as
         they are done: a run that was ended goes on from there.
@@ -62,15 +62,9 @@ def study(
     from tridentify.studies import STUDIES
 
     hands = chosen_workers(workers, scheduler)
-    if name in STUDIES and scheduler is not None:
-        raise OptionError(
-            f"found --scheduler with {shown(name)}, which is a program and no file; expected it "
-            f"with a file; take {name}{ENDING}, or --workers"
-        )
     if name in STUDIES:
-        result, written = _program(
-            STUDIES[name], DRAWS if draws is None else draws, seed or 0, workers, out
-        )
+        count = DRAWS if draws is None else draws
+        result, written = _program(STUDIES[name], count, seed or 0, hands, out)
     else:
         result, written = _declared(_file(name), draws, seed, hands, out)
     if as_json:
@@ -80,7 +74,7 @@ def study(
 
 
 def _program(
-    chosen: Study, draws: int, seed: int, workers: int | None, out: Path | None
+    chosen: Study, draws: int, seed: int, workers: int | str | None, out: Path | None
 ) -> tuple[StudyResult, Sequence[Path]]:
     """A study that is a program: its folder appears at the end."""
     from tridentify.plots.study import save_study_figures

@@ -22,8 +22,7 @@ from tridentify.numerics.arrays import Array
 from tridentify.record.checks.names import check_units
 from tridentify.record.checks.samples import Intersample, channel_names
 from tridentify.record.record import Record
-from tridentify.writing.columns import columns_over_time
-from tridentify.writing.files import write_atomically
+from tridentify.writing.files import columns_over_time, write_atomically
 from tridentify.writing.layout import format_table, html_table
 from tridentify.writing.notebook import sparkline
 

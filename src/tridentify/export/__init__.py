@@ -7,11 +7,14 @@ python-control and SciPy are served within Python by `TransferFunction.to_contro
 from __future__ import annotations
 
 from tridentify.export.c_header import write_c_header
-from tridentify.export.content import to_bytes
-from tridentify.export.control_script import write_control_script
+from tridentify.export.content import (
+    read_json,
+    to_bytes,
+    write_control_script,
+    write_json,
+    write_table,
+)
 from tridentify.export.matlab import write_matlab
-from tridentify.export.plain_json import read_json, write_json
-from tridentify.export.table import write_table
 
 __all__ = [
     "read_json",

@@ -7,6 +7,9 @@ states. Instants need not be uniform, and delays need not be whole samples (`num
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from itertools import chain
+
 import numpy as np
 import scipy.linalg
 
@@ -200,7 +203,7 @@ def _response(
     for delays in dict.fromkeys(tuple(row) for row in model.delay.tolist()):
         signal = _signal(record, np.ascontiguousarray(record.u), delays)
         late = [i for i in range(model.n_outputs) if tuple(model.delay[i].tolist()) == delays]
-        for den in _distinct(model):
+        for den in distinct(chain.from_iterable(model.den)):
             channels = [
                 (i, j)
                 for i in late
@@ -231,12 +234,12 @@ def _signal(record: Record, u: Array, delays: tuple[float, ...]) -> Sampled:
     return Sampled(u, typical_step(record.t), record.behaviour, since, delays)
 
 
-def _distinct(model: TransferFunction) -> list[Array]:
+def distinct(denominators: Iterable[Array]) -> list[Array]:
+    """Each of them once, in their order."""
     found: list[Array] = []
-    for row in model.den:
-        for den in row:
-            if not any(np.array_equal(den, other) for other in found):
-                found.append(den)
+    for den in denominators:
+        if not any(np.array_equal(den, other) for other in found):
+            found.append(den)
     return found
 
 

@@ -1,4 +1,14 @@
-"""Steps 1 to 4 on what an estimator has seen so far, and the estimate that comes of it."""
+"""Steps 1 to 4 on what an estimator has seen so far, and the estimate that comes of it.
+
+*Standard errors* of few samples that are still kept, with a model of their noise. Blocks of scores
+(`online.scatter`) are of what the model so far did not expect. Where the noise is slow beside the
+samples, this is little: least squares has bent the coefficients after it, now and then into another
+valley, whose errors look small. But as long as the samples are kept they can be asked once more:
+the coefficients are taken to the minimum for an autoregression of what they leave
+(`online.residual.refined`). No estimate for white noise is better than that one (Gauss and Markov),
+and the truth is near it: so a standard error is at least that of these coefficients, and at least
+the distance to them.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +18,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tridentify.errors import ZeroOutputError
+from tridentify.errors import TridentifyError, ZeroOutputError
 from tridentify.estimation.answer.assemble import Request, assemble
 from tridentify.estimation.answer.estimate import Estimate, Step, Trace
 from tridentify.estimation.likelihood.answer import Ending, solved_at
@@ -27,12 +37,48 @@ from tridentify.online.equation_plan import from_directions
 from tridentify.online.findings import noise_finding
 from tridentify.online.kernels import slots
 from tridentify.online.layout import Blueprint, Setting, smallest_channel
+from tridentify.online.residual import refined
 from tridentify.online.scatter import tells, with_scatter
 from tridentify.online.search import record_of
-from tridentify.online.second_look import doubted
 from tridentify.online.summary import change_columns, on_order, seen, summarise, transfer
 from tridentify.online.unexplained import response_finding
 from tridentify.record.record import Record
+
+CLEARLY = 1.25
+"""Ratio of standard errors below which nothing is said: a noise model of few samples of white noise
+makes them a few per cent larger."""
+
+
+def doubted(setting: Setting, samples: Array, theta: Array, cov: Array) -> Array:
+    """The covariance, with standard errors that what the samples say with a noise model allows.
+
+    Parameters
+    ----------
+    setting : Setting
+    samples : (k, n_inputs + n_outputs + 1) array
+    theta : (n,) array
+        Coefficients for white noise.
+    cov : (n, n) array
+        Their covariance so far.
+
+    Returns
+    -------
+    (n, n) array
+        ``cov`` itself where the samples say nothing, or hardly anything else.
+    """
+    std = np.sqrt(np.diagonal(cov))
+    if not np.all(std > 0.0):
+        return cov
+    try:
+        found = drain(refined(setting, record_of(setting, samples), theta, std))
+    except (TridentifyError, np.linalg.LinAlgError):
+        return cov
+    if found is None:
+        return cov
+    least = np.maximum(np.sqrt(np.diagonal(found.cov)), np.abs(found.theta - theta))
+    ratio = np.maximum(least / std, 1.0)
+    return cov if np.all(ratio < CLEARLY) else ratio[:, None] * cov * ratio
+
 
 ELSEWHERE = 0.5
 """Distance of poles over their decay rates from which others are begun from too: between two ticks

@@ -7,8 +7,7 @@ from tridentify.physical.fit import estimate_physical
 from tridentify.physical.identifiability import Identifiability, identifiability
 from tridentify.physical.mechanical import dutch_roll, mass_spring_damper, short_period
 from tridentify.physical.model import PhysicalModel, PhysicalParameter
-from tridentify.physical.process import first_order_dead_time
-from tridentify.physical.ready import MODELS
+from tridentify.physical.ready import MODELS, first_order_dead_time
 from tridentify.physical.result import PhysicalEstimate
 
 __all__ = [

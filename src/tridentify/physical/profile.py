@@ -19,7 +19,7 @@ import numpy as np
 
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
-from tridentify.models.simulate import free_responses, simulate
+from tridentify.models.simulate import distinct, free_responses, simulate
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import Whitener
 from tridentify.numerics.least_squares import solve
@@ -97,7 +97,7 @@ class Profile:
     def own_unknowns(self) -> int:
         """Nuisance terms of one output, over all experiments."""
         structure, model = self.estimate.structure, self.estimate.model
-        free = sum(den.size - 1 for den in _distinct(model, 0))
+        free = sum(den.size - 1 for den in distinct(model.den[0]))
         each = free * (structure.initial_state == "free") + bool(structure.offset)
         return (each + bool(structure.drift)) * len(self.records)
 
@@ -149,7 +149,7 @@ class Profile:
         """(n_samples, k) columns of the nuisance terms of one output; modes are kept for others."""
         structure, found = self.estimate.structure, []
         if structure.initial_state == "free":
-            for den in _distinct(model, output):
+            for den in distinct(model.den[output]):
                 key = den.tobytes()
                 if key not in modes:
                     modes[key] = free_responses(den, record, after)
@@ -160,14 +160,6 @@ class Profile:
             time = record.t - record.t[0]
             found.append((time / time[-1])[:, None])
         return np.hstack(found) if found else np.zeros((record.n_samples, 0))
-
-
-def _distinct(model: TransferFunction, output: int) -> list[Array]:
-    found: list[Array] = []
-    for den in model.den[output]:
-        if not any(np.array_equal(den, other) for other in found):
-            found.append(den)
-    return found
 
 
 def _eliminated(left: Array, columns: Array, noise: Array) -> tuple[Array, float]:

@@ -26,7 +26,6 @@ from tridentify.numerics.arrays import Array
 from tridentify.plots import style
 from tridentify.plots.style import BLACK, Panels, dress, make_axes, new_figure
 from tridentify.record.record import Record
-from tridentify.studies.aircraft import PLANT
 from tridentify.studies.aircraft_result import (
     ESTIMATORS,
     PRINTED,
@@ -71,7 +70,7 @@ def plot_step_responses(
     condition = min(result.by_length()[0], key=lambda c: abs(c.ratio - 1.0))
     x = np.ones(condition.n_samples * FINE)
     grid = Record(x, x, dt=condition.dt / FINE)
-    truth = simulate(PLANT, grid)[:, 0]
+    truth = _response(TRUTH, grid)
     example = condition.example
     thin: dict[str, Any] = {"color": style.GREY, "linewidth": 0.6, "markersize": 3.5}
     drawn[0].plot(example.t, example.y[:, 0], ".-", label="one record", **thin)
@@ -114,10 +113,13 @@ def response_band(condition: Condition, estimator: int, grid: Record) -> Array:
     if not found.size:
         return np.full((3, grid.n_samples), np.nan)
     with np.errstate(over="ignore", invalid="ignore"):
-        responses = [
-            simulate(TransferFunction([b0], [1.0, a1, a0]), grid)[:, 0] for a1, a0, b0 in found
-        ]
+        responses = [_response(own, grid) for own in found]
     return np.asarray(np.quantile(responses, [0.16, 0.5, 0.84], axis=0))
+
+
+def _response(theta: Sequence[float] | Array, grid: Record) -> Array:
+    a1, a0, b0 = theta
+    return simulate(TransferFunction([b0], [1.0, a1, a0]), grid)[:, 0]
 
 
 def _draw_band(ax: Axes, t: Array, truth: Array, band: Array, colour: str, name: str) -> None:

@@ -188,10 +188,8 @@ def key_numbers(estimate: Estimate) -> list[KeyNumber]:
     label = f"fit of {title_names(estimate.output_names)}"
     found = [KeyNumber(label, " / ".join(fits[:3]) + (" ..." if len(fits) > 3 else ""), "", "%")]
     first, others = in_order(estimate)
-    for item in (*first, *others):
-        if len(found) < NUMBERS and _is_result(item):
-            found.append(key_number(item))
-    return found
+    told = [item for item in (*first, *others) if item.std > 0.0 and is_result(item)]
+    return [*found, *map(key_number, told[: NUMBERS - 1])]
 
 
 def in_order(estimate: Estimate) -> tuple[list[Parameter], list[Parameter]]:
@@ -221,6 +219,6 @@ def title_names(names: Sequence[str]) -> str:
     return shown + (" ..." if len(names) > 3 else "")
 
 
-def _is_result(item: Parameter) -> bool:
-    """Whether a number is known well enough to be shown first; one that is held says nothing."""
-    return bool(np.isfinite(item.value) and 0.0 < item.std < LATE * abs(item.value))
+def is_result(item: Parameter) -> bool:
+    """Whether a number is known to better than half of its size."""
+    return bool(np.isfinite(item.value) and item.std < LATE * abs(item.value))

@@ -16,11 +16,14 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-import scipy.linalg
-import scipy.special
 
+from tridentify.estimation.answer.trace import Status
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
+from tridentify.studies.declared.draw import Row, drawn, generator, prepare
+from tridentify.studies.declared.methods import PAPER
+from tridentify.studies.declared.nouns import StudyCell, cells
+from tridentify.studies.declared.result import DeclaredResult, grouped
 
 COEFFICIENTS = ("a1", "a0", "b0")
 """In the order of ``theta``; ``b0`` is the paper's b."""
@@ -95,8 +98,8 @@ class Condition:
         Noise standard deviation over the root mean square of the noise-free output.
     noise_std : float
         In units of the output.
-    information : (3, 3) array
-        Triangle ``R``, ``R' R`` being the information matrix for noise of variance one.
+    bound : (3,) array
+        Standard deviations of the Cramer-Rao bound; zero without noise.
     theta : (n_estimators, n_draws, 3) array
         Estimates; ``nan`` where an estimator failed.
     events : tuple of Event
@@ -106,7 +109,7 @@ class Condition:
     example: Record
     ratio: float
     noise_std: float
-    information: Array
+    bound: Array
     theta: Array
     events: tuple[Event, ...]
 
@@ -125,12 +128,6 @@ class Condition:
     def n_draws(self) -> int:
         """Records at this condition."""
         return int(self.theta.shape[1])
-
-    @property
-    def bound(self) -> Array:
-        """(3,) standard deviations of the Cramer-Rao bound; zero without noise."""
-        inverse = scipy.linalg.solve_triangular(self.information, np.eye(len(TRUTH)))
-        return np.asarray(self.noise_std * np.sqrt(np.sum(inverse**2, axis=1)))
 
     def summary(self, estimator: int) -> EstimatorSummary:
         """Summarise one estimator.
@@ -189,6 +186,23 @@ class AircraftResult:
     passes: int
     conditions: tuple[Condition, ...]
 
+    @classmethod
+    def of(cls, found: DeclaredResult) -> AircraftResult:
+        """What a declared study of the paper's aircraft, by its three estimators, has found.
+
+        Parameters
+        ----------
+        found : DeclaredResult
+
+        Returns
+        -------
+        AircraftResult
+        """
+        study, rows = found.study, grouped(found.rows)
+        paper = dict(next(one.options for one in study.methods if one.kind == PAPER))
+        conditions = tuple(_condition(cell, study.seed, rows) for cell in cells(study))
+        return cls(study.seed, study.draws, paper["gamma"], paper["passes"], conditions)
+
     def by_length(self) -> tuple[tuple[Condition, ...], ...]:
         """Group the conditions by the record length, in their order."""
         groups: dict[tuple[int, float], list[Condition]] = {}
@@ -227,6 +241,28 @@ class AircraftResult:
             "truth": list(TRUTH),
             "conditions": [_condition_dict(condition) for condition in self.conditions],
         }
+
+
+def _condition(
+    cell: StudyCell, seed: int, rows: Mapping[tuple[str, str], Sequence[Row]]
+) -> Condition:
+    """One cell of the study with all that its draws gave, draw by draw."""
+    prepared = prepare(cell)
+    example = prepared.record(drawn(cell.noise, generator(cell, seed, 0), prepared.u.size))
+    every = [rows.get((cell.name, name), ()) for name in ESTIMATORS]
+    theta = [[row["theta"] or [math.nan] * len(TRUTH) for row in own] for own in every]
+    events = tuple(
+        Event(row["method"], row["draw"], FAILED if row["theta"] is None else FLAGGED, _why(row))
+        for at_once in zip(*every, strict=True)
+        for row in at_once
+        if row["theta"] is None or row["status"] != Status.CONVERGED.name
+    )
+    ratio, std, bound = cell.noise.level, prepared.std, prepared.bound
+    return Condition(example, ratio, std, bound, np.array(theta, dtype=np.float64), events)
+
+
+def _why(row: Row) -> str:
+    return str(row["failure"] or Status[row["status"]].value)
 
 
 def _condition_dict(condition: Condition) -> dict[str, Any]:

@@ -41,7 +41,7 @@ class Study(Protocol):
         *,
         draws: int = 200,
         seed: int = 0,
-        workers: int | None = None,
+        workers: Any = None,
         progress: Count | None = None,
     ) -> StudyResult:
         """Run it.
@@ -52,8 +52,8 @@ class Study(Protocol):
             Noise draws per condition.
         seed : int
             Of all draws. The result does not depend on anything else.
-        workers : int, optional
-            Processes; by default as many as there are processors.
+        workers : int, str or distributed.Client, optional
+            Processes, by default as many as there are processors, or those of a Dask scheduler.
         progress : callable, optional
             Called with the number of records that are done and the number of all records.
 

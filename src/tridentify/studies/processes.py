@@ -1,9 +1,7 @@
-"""The same function over many batches, in processes of their own.
+"""Processes of their own for the same function over many things.
 
-What makes the results independent of the number of processes: a batch carries all that its result
-depends on (no shared random numbers), results come back in the order of the batches, and every
-process computes with one thread, because sums over several threads round differently. For the last
-reason one worker is a process of its own, too.
+Every one computes with one thread, because sums over several threads round differently: so results
+do not depend on how many there are.
 
 Processes are spawned, not forked: it is the one way that works on every system and beside threads.
 A script that calls this therefore needs ``if __name__ == "__main__":`` around the call.
@@ -15,75 +13,18 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from typing import TypeVar
 
 from tridentify.errors import TridentifyError
 from tridentify.numerics.threads import THREADS
-from tridentify.writing.interruption import held_back
-
-Batch = TypeVar("Batch")
-Result = TypeVar("Result")
-
-
-def run_batches(
-    function: Callable[[Batch], Result],
-    batches: Sequence[Batch],
-    *,
-    workers: int,
-    finished: Callable[[int], None] | None = None,
-) -> list[Result]:
-    """Call ``function`` on every batch.
-
-    Parameters
-    ----------
-    function : callable
-        Importable by its name, as are its argument and its result.
-    batches : sequence
-    workers : int
-        Most processes at a time.
-    finished : callable, optional
-        Told the number of a batch when it is done, in whatever order that happens.
-
-    Returns
-    -------
-    list
-        In the order of the batches.
-
-    Raises
-    ------
-    TridentifyError
-        A process died.
-
-    Notes
-    -----
-    What ends the call early, such as Ctrl-C or an exception in a batch, waits for the batches that
-    are being computed and drops the others. No process outlives the calling one.
-
-    Examples
-    --------
-    >>> run_batches(abs, [], workers=2)
-    []
-    """
-    if not batches:
-        return []
-    results: dict[int, Result] = {}
-    with process_pool(min(workers, len(batches))) as pool:
-        with held_back():  # processes start with the first tasks
-            numbers = {pool.submit(function, batch): k for k, batch in enumerate(batches)}
-        for future in as_completed(numbers):
-            results[numbers[future]] = future.result()
-            if finished is not None:
-                finished(numbers[future])
-    return [results[k] for k in range(len(batches))]
 
 
 @contextmanager
 def process_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """Processes as `run_batches` has them, for several rounds of work.
+    """Processes for several rounds of work.
 
     Parameters
     ----------
@@ -93,7 +34,7 @@ def process_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
     Yields
     ------
     ProcessPoolExecutor
-        Shut down at the end; what has not begun by then is dropped.
+        Shut down at the end; what has not begun by then is dropped. No process outlives this one.
 
     Raises
     ------

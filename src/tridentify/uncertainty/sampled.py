@@ -11,8 +11,7 @@ here serve the draws of both.
 unstable. They are kept: leaving them out would state that the system is known to be stable, and
 narrow the intervals. They count as what they are (a negative damping, a growing step response, the
 formal static gain ``b_0 / a_0`` and response ``G(j omega)``), and `Sample.n_unstable` says how many
-there are. Who does know that the system is stable asks `Sample.stable`, or draws on a scale on
-which all are stable: ``sample(..., scale="stable")``.
+there are. Who does know that the system is stable asks `Sample.stable`.
 
 *Posterior draws* belong to an estimate that is a posterior mean, and their percentiles are those of
 its own intervals: the probability outside is shared between the two sides as the draws are
@@ -26,12 +25,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from tridentify.errors import OptionError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.parameter import checked_level
 from tridentify.estimation.answer.trace import freeze_arrays
@@ -49,7 +46,6 @@ from tridentify.uncertainty.draws import (
 )
 from tridentify.uncertainty.frequency import ResponseBand
 from tridentify.uncertainty.intervals import Kind, intervals, quantiles
-from tridentify.uncertainty.stable_scale import stable_draws
 from tridentify.uncertainty.step import ImpulseBand, StepBand, direct_terms
 
 
@@ -144,13 +140,7 @@ class SampledRoots:
     level: float
 
 
-def sample(
-    estimate: Estimate,
-    n_draws: int = 2000,
-    seed: int = 0,
-    *,
-    scale: Literal["coefficients", "stable"] = "coefficients",
-) -> Sample:
+def sample(estimate: Estimate, n_draws: int = 2000, seed: int = 0) -> Sample:
     """Draw coefficients from the normal distribution that the estimate states.
 
     Parameters
@@ -160,12 +150,6 @@ def sample(
         With 2000 draws the ends of a 95 % interval are known to about 4 % of its width.
     seed : int
         Of a generator of its own.
-    scale : {"coefficients", "stable"}
-        Where the estimate is a posterior mean its own draws are taken, and this has no effect. Else
-        what is normal: the coefficients themselves, or coordinates of the same covariance to first
-        order in which every draw is stable and positive quantities scatter by factors
-        (`tridentify.uncertainty.stable_scale`). The second is for systems known to be stable, on
-        short noisy records.
 
     Returns
     -------
@@ -174,10 +158,13 @@ def sample(
     Raises
     ------
     OptionError
-        `n_draws` is not a positive, `seed` not a natural number, or `scale` is unknown.
+        `n_draws` is not a positive, or `seed` not a natural number.
     UnsupportedError
-        The estimate has no covariance; for ``scale="stable"``, it is not stable, has a delay, or
-        coefficients that were not estimated.
+        The estimate has no covariance.
+
+    Notes
+    -----
+    Where the estimate is a posterior mean, its own draws are taken.
 
     Examples
     --------
@@ -192,8 +179,6 @@ def sample(
     (0, 'dc gain', True)
     """
     count, own = checked_count("n_draws", n_draws, 1), checked_count("seed", seed, 0)
-    if scale not in ("coefficients", "stable"):
-        raise OptionError.found("scale=", scale, "'coefficients' or 'stable'", "choose one")
     rng = np.random.default_rng(own)
     if len(estimate.draws):
         chosen = rng.choice(len(estimate.draws), count, replace=count > len(estimate.draws))
@@ -201,13 +186,10 @@ def sample(
         return Sample(estimate, theta, int(unstable(estimate, theta).sum()), "posterior")
     need_covariance(estimate)
     normal = rng.standard_normal((count, len(estimate.names)))
-    if scale == "stable":
-        theta = stable_draws(estimate, normal)
-    else:
-        unit = np.where(estimate.std > 0, estimate.std, 1.0)
-        values, vectors = np.linalg.eigh(estimate.cov / np.outer(unit, unit))
-        root = unit[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
-        theta = estimate.theta + normal @ root.T
+    unit = np.where(estimate.std > 0, estimate.std, 1.0)
+    values, vectors = np.linalg.eigh(estimate.cov / np.outer(unit, unit))
+    root = unit[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    theta = estimate.theta + normal @ root.T
     return Sample(estimate, theta, int(unstable(estimate, theta).sum()), "covariance")
 
 

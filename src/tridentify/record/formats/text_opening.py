@@ -22,7 +22,7 @@ CHUNK = 1 << 20
 _CONTROLS = re.compile(rb"[\x00-\x08\x0e-\x1f\x7f-\x9f]")
 
 
-_EXCEL = re.compile(r"sep=.")
+EXCEL = re.compile(r"sep=.")
 
 
 _LONGEST_TITLE = 1 << 16
@@ -127,7 +127,7 @@ def read_opening(file: Path, encoding: str) -> Opening:
                 text = line.strip()
                 if not line:
                     break
-                if not text or text.startswith(COMMENTS) or _EXCEL.fullmatch(text):
+                if not text or text.startswith(COMMENTS) or EXCEL.fullmatch(text):
                     above = text.startswith(COMMENTS) and not found
                     comment = text.lstrip("#% ") if above else comment
                     continue

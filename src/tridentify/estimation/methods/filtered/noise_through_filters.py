@@ -107,28 +107,10 @@ class FilterColumns:
         return np.vstack([own, later]), np.vstack([self.direct, first])
 
     def gram(self, n_samples: int, dt: float) -> Array:
-        """(n + 1, n + 1) array of ``tr(L_i' L_j)``.
-
-        Examples
-        --------
-        >>> from tridentify.estimation.methods.filtered.filter_cascade import filter_cascade
-        >>> columns = FilterColumns.of(filter_cascade([1.0, 3.0, 2.0], 2), 2)
-        >>> lines = [columns.applied(sample, 0.1) for sample in np.eye(40)]
-        >>> bool(np.allclose(columns.gram(40, 0.1), sum(c.T @ c for c in lines)))
-        True
-        """
+        """(n + 1, n + 1) array of ``tr(L_i' L_j)``."""
         later, first = self.answers(n_samples, dt)
         counts = np.arange(n_samples - 1.0, n_samples - 1.0 - later.shape[0], -1.0)
         return np.asarray((later.T * counts) @ later + first.T @ first)
-
-    def applied(self, signal: Array, dt: float) -> Array:
-        """(n_samples, n + 1) a signal through the filters."""
-        step = discretize(self.c.a, self.c.b[:, None], dt, "foh")
-        out = np.empty((self.c.order, signal.size))
-        current, after = step.from_current[:, 0], step.from_next[:, 0]
-        u = np.ascontiguousarray(signal)[:, None]
-        propagate(step.transition, current, after, u, np.zeros((1, self.c.order)), out)
-        return np.asarray(out.T @ self.rows.T + np.outer(signal, self.direct))
 
     def taken(self, q: Array, dt: float) -> Array:
         """(n + 1, n + 1) array of ``tr((L_i' Q)(L_j' Q)')`` for ``q`` (n_samples, r)."""

@@ -15,7 +15,6 @@ from __future__ import annotations
 import csv
 import json
 import math
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, fields
 from itertools import chain
@@ -34,13 +33,19 @@ from tridentify.record.checks.values import (
     texts,
     whole_number,
 )
-from tridentify.record.formats.cells import SEPARATORS, all_numbers, read_number, unit_cells
+from tridentify.record.formats.cells import (
+    SEPARATORS,
+    all_numbers,
+    has_decimal_comma,
+    read_number,
+    unit_cells,
+)
 from tridentify.record.formats.channels import SECONDS
 from tridentify.record.formats.streams import blocks
 from tridentify.record.formats.streams.header import Asked, HeaderColumns, find_columns
 from tridentify.record.formats.streams.lines import LONGEST_LINE, WholeLines
 from tridentify.record.formats.streams.read_rows import AROUND, BadLine, BadLineError, Rows, decoded
-from tridentify.record.formats.text_opening import COMMENTS
+from tridentify.record.formats.text_opening import COMMENTS, EXCEL
 from tridentify.record.formats.title_lines import best_separator
 
 _FEW = 16
@@ -48,8 +53,6 @@ _FEW = 16
 named."""
 _PARTS = ("lines", "form", "separator", "names", "header_units", "columns")
 _BOM = b"\xef\xbb\xbf"
-_EXCEL = re.compile(r"sep=.")
-_DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 
 
 class RowReader:
@@ -226,7 +229,7 @@ class RowReader:
     def _read_opening(self, line: bytes) -> bool:
         """Learn from one of the first lines; say whether it holds nothing more than that."""
         text = self._opening_text(line)
-        if not text or text.startswith(COMMENTS) or _EXCEL.fullmatch(text):
+        if not text or text.startswith(COMMENTS) or EXCEL.fullmatch(text):
             self._comment = text.lstrip("#% ") if text.startswith(COMMENTS) else self._comment
             return True
         if not self._form:
@@ -393,7 +396,7 @@ class RowReader:
         for name, value in zip(columns.headers, found, strict=True):
             if isinstance(value, str):
                 where = f"found {shown(value)} in column {shown(name)}"
-                comma = self.asked.decimal == "." and _DECIMAL_COMMA.fullmatch(value)
+                comma = self.asked.decimal == "." and has_decimal_comma(value)
                 hint = ' with a decimal point, or --decimal ","' if comma else ""
                 raise BadLineError(f"{where}; expected a number{hint}")
             if math.isinf(value):
