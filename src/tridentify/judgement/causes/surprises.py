@@ -141,15 +141,16 @@ def _between_limits(now: Array) -> NDArray[np.bool_]:
     set, and of a smooth one that was cut off past samples do not tell all that an output does.
     """
     between: NDArray[np.bool_] = (now > now.min()) & (now < now.max())
-    moving = np.append(False, np.diff(now) != 0.0) & between
-    count = int(between.sum())
-    asked = count >= FEWEST and bool(moving.sum() > MOVING * count)
+    count, nowhere = int(np.count_nonzero(between)), np.zeros_like(between)
+    if count < FEWEST:
+        return nowhere
     steps = np.diff(now)
+    if not np.count_nonzero((steps != 0.0) & between[1:]) > MOVING * count:
+        return nowhere
     one, other = steps[1:], steps[:-1]
     within = between[2:] & between[1:-1] & between[:-2]
-    if asked and float(np.sum(np.sign(one * other)[within])) < TO_AND_FRO * int(within.sum()):
-        return between
-    return np.zeros_like(between)
+    to_and_fro = float(np.sum(np.sign(one * other)[within]))
+    return between if to_and_fro < TO_AND_FRO * int(within.sum()) else nowhere
 
 
 def _small(basis: Array, now: Array, least: float) -> Array:
