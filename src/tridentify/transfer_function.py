@@ -121,8 +121,28 @@ class TransferFunction(ModelViews):
             "input_names": channel_names(input_names, shape[1], "u"),
             "output_names": channel_names(output_names, shape[0], "y"),
         }
-        for key, value in fields.items():
-            object.__setattr__(self, key, value)
+        self.__dict__.update(fields)
+
+    @classmethod
+    def of_monic(
+        cls,
+        num: Sequence[Sequence[Array]],
+        den: Sequence[Sequence[Array]],
+        input_names: tuple[str, ...],
+        output_names: tuple[str, ...],
+    ) -> TransferFunction:
+        """A model without delays whose polynomials are known to be sound, and are not copied.
+
+        They are finite, a numerator is no longer than its denominator, which begins with one.
+        """
+        found, delay = object.__new__(cls), np.zeros((len(num), len(num[0])))
+        for one in (delay, *(one for row in (*num, *den) for one in row)):
+            one.flags.writeable = False
+        of = tuple(tuple(row) for row in num), tuple(tuple(row) for row in den), delay
+        found.__dict__.update(
+            zip(cls.__dataclass_fields__, (*of, input_names, output_names), strict=True)
+        )
+        return found
 
     @property
     def n_inputs(self) -> int:

@@ -10,7 +10,7 @@ a lower one.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
@@ -18,7 +18,13 @@ from types import MappingProxyType
 import numpy as np
 
 from tridentify.estimation.answer.estimate import Status
-from tridentify.estimation.likelihood.cost import Point, bank_of, evaluate, point_at
+from tridentify.estimation.likelihood.cost import (
+    Point,
+    bank_of,
+    evaluate,
+    evaluate_variant,
+    point_at,
+)
 from tridentify.estimation.likelihood.levenberg_marquardt import (
     Recorder,
     at_rounding,
@@ -33,6 +39,10 @@ from tridentify.estimation.likelihood.triangles import Triangles
 from tridentify.models.regression import Regression, regress
 from tridentify.numerics.arrays import Complex
 from tridentify.numerics.slices import Slices, drain
+
+SHORT = 2_000
+"""Samples up to which machine code filters them again for each choice: that takes less time than to
+take a choice's triangle from one of all."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,13 +167,10 @@ def _predict(
     """Every choice one Gauss-Newton step ahead of the best seed; and which seed that is."""
     found = []
     for poles in seeds:
-        bank = bank_of(base, poles, 2)
-        whole = known.get(poles.tobytes())
-        whole = whole or tuple(regress(e, bank.cascade) for e in base.experiments)
-        own = []
+        at, own = _at(base, poles, known), list[Point]()
         for v in variants:
             yield
-            own.append(point_at(v.problem(base), Triangles.of(whole, bank, v)))
+            own.append(at(v))
         found.append(own)
     lowest = [min(point.objective for point in points) for points in found]
     seed = lowest.index(min(lowest))
@@ -177,6 +184,18 @@ def _predict(
         yield
         promised.append(Predicted(point, criterion(point, min(point.decrease(), trusted))))
     return promised, seed
+
+
+def _at(
+    base: Problem, poles: Complex, known: Mapping[bytes, tuple[Regression, ...]]
+) -> Callable[[Variant], Point]:
+    """The fit of each choice at some poles."""
+    if base.flat is not None and sum(e.n_samples for e in base.experiments) <= SHORT:
+        return lambda variant: evaluate_variant(base, variant, poles)
+    bank = bank_of(base, poles, 2)
+    whole = known.get(poles.tobytes())
+    whole = whole or tuple(regress(e, bank.cascade) for e in base.experiments)
+    return lambda variant: point_at(variant.problem(base), Triangles.of(whole, bank, variant))
 
 
 def _same_input(problem: Problem, base: Problem, variant: Variant) -> bool:

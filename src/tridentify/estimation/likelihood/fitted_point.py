@@ -220,7 +220,7 @@ class FittedPoint:
         """
         found = []
         for e, experiment in enumerate(self.problem.experiments):
-            bank, rows = self.bank, self._moves[1][e]
+            bank, rows = self.bank, self._kept(self._moves[1][e].T).T
             if experiment.n_samples > LONG and len(self.branches) == 1:
                 # the outputs use the poles once
                 layout, bank = self.triangles.kept, self.branches[0].inner
@@ -240,7 +240,7 @@ class FittedPoint:
         """
         found = []
         for e, experiment in enumerate(self.problem.experiments):
-            rows = self._moves[0][e, output] @ combinations
+            rows = self._kept(self._moves[0][e, output]) @ combinations
             owners = [output] * rows.shape[1]
             signals = response_of(experiment, self.bank, rows.T, outputs=owners)
             lost = np.isnan(experiment.y[:, [output]])
@@ -254,7 +254,7 @@ class FittedPoint:
 
         triangles, linear, bank = self.triangles, self.linear, self.triangles.bank
         a, b, _ = bank.cascade
-        found, made = moves_at(
+        return moves_at(
             triangles.layout.n_signals,
             int(triangles.layout.free),
             triangles.free,
@@ -269,10 +269,11 @@ class FittedPoint:
             linear.solutions,
             self.problem.n_delays,
         )
-        columns = triangles.columns
-        if columns.size == triangles.layout.n_signals:
-            return found, made
-        return found[:, :, columns], made[:, :, columns]
+
+    def _kept(self, rows: Array) -> Array:
+        """Of the columns of a triangle, those that count."""
+        columns = self.triangles.columns
+        return rows if columns.size == len(rows) else rows[columns]
 
     @cached_property
     def width(self) -> dict[object, slice]:
@@ -313,9 +314,11 @@ class FittedPoint:
 
     @cached_property
     def _jacobian(self) -> tuple[Array, Array]:
-        rows, owner = [], []
+        rows, owner, triangles = [], [], self.triangles
         for i in range(self.problem.n_outputs):
-            for e, regression in enumerate(self.regressions):
-                rows.append(regression.signals[i] @ self._moves[0][e, i])
+            for e, t in enumerate(triangles.which[:, i].tolist()):
+                # one is no shorter than the others
+                height = None if len(triangles.stack) == 1 else triangles.whole[e].targets[i].size
+                rows.append(triangles.stack[t, :height] @ self._moves[0][e, i])
                 owner.append(np.full(len(rows[-1]), i))
         return np.concatenate(rows), np.concatenate(owner)
