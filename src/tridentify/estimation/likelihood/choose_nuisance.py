@@ -140,15 +140,19 @@ def deciding(
         question.say(f"output error ({choices[k].label})")
         yield
         problem = question.chosen(choices[k])
-        at = partial(evaluate, problem)
+        at: Callable[..., Point] = partial(evaluate, problem)
         same = _same_input(problem, base, variants[k])
         # the variant holds the inputs of the base: what is simulated later needs its own
         point = promised[k].point
         start = point.carried_to(problem) if same else at(point.poles)
+        light = same and base.limits is None and _is_short(base)
+        if light:
+            at = partial(evaluate_variant, base, variants[k])
         patience, recorder = question.patience, Recorder()
         settled = patience.settled(start.counts.sum())
         steps = finishing(at, start, recorder, patience.most, settled)
         point, status, why = yield from steps
+        point = point.carried_to(problem) if light else point
         done[k] = Finished(choices[k], point, status, why, criterion(point), recorder)
         surprised = abs(done[k].criterion - promised[k].criterion) > EQUAL
         if len(done) < len(choices) and (surprised or at_rounding(point)):
@@ -190,12 +194,16 @@ def _at(
     base: Problem, poles: Complex, known: Mapping[bytes, tuple[Regression, ...]]
 ) -> Callable[[Variant], Point]:
     """The fit of each choice at some poles."""
-    if base.flat is not None and sum(e.n_samples for e in base.experiments) <= SHORT:
+    if _is_short(base):
         return lambda variant: evaluate_variant(base, variant, poles)
     bank = bank_of(base, poles, 2)
     whole = known.get(poles.tobytes())
     whole = whole or tuple(regress(e, bank.cascade) for e in base.experiments)
     return lambda variant: point_at(variant.problem(base), Triangles.of(whole, bank, variant))
+
+
+def _is_short(base: Problem) -> bool:
+    return base.flat is not None and sum(e.n_samples for e in base.experiments) <= SHORT
 
 
 def _same_input(problem: Problem, base: Problem, variant: Variant) -> bool:

@@ -100,6 +100,8 @@ class Point(FittedPoint):
 
     def carried_to(self, problem: Problem) -> Point:
         """The same place in a problem of the same samples, orders and nuisance terms."""
+        if problem is self.problem:
+            return self
         found = replace(self, problem=problem)
         known = {name: value for name, value in vars(self).items() if name in CARRIED}
         vars(found).update(known)
