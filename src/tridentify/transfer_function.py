@@ -131,17 +131,12 @@ class TransferFunction(ModelViews):
         input_names: tuple[str, ...],
         output_names: tuple[str, ...],
     ) -> TransferFunction:
-        """A model without delays whose polynomials are known to be sound, and are not copied.
-
-        They are finite, a numerator is no longer than its denominator, which begins with one.
-        """
+        """A model without delays of polynomials that are finite, proper, monic; not copied."""
         found, delay = object.__new__(cls), np.zeros((len(num), len(num[0])))
         for one in (delay, *(one for row in (*num, *den) for one in row)):
             one.flags.writeable = False
-        of = tuple(tuple(row) for row in num), tuple(tuple(row) for row in den), delay
-        found.__dict__.update(
-            zip(cls.__dataclass_fields__, (*of, input_names, output_names), strict=True)
-        )
+        own = tuple(map(tuple, num)), tuple(map(tuple, den)), delay, input_names, output_names
+        found.__dict__.update(zip(cls.__dataclass_fields__, own, strict=True))
         return found
 
     @property

@@ -265,7 +265,9 @@ class FittedPoint:
             a,
             b,
             bank.maps,
-            *(np.ascontiguousarray(one) for one in linear[:3]),
+            np.ascontiguousarray(linear.rows),
+            np.ascontiguousarray(linear.direct),
+            np.ascontiguousarray(linear.started),
             linear.solutions,
             self.problem.n_delays,
         )
