@@ -316,11 +316,17 @@ class FittedPoint:
 
     @cached_property
     def _jacobian(self) -> tuple[Array, Array]:
-        rows, owner, triangles = [], [], self.triangles
+        rows, owner = [], []
         for i in range(self.problem.n_outputs):
-            for e, t in enumerate(triangles.which[:, i].tolist()):
-                # one is no shorter than the others
-                height = None if len(triangles.stack) == 1 else triangles.whole[e].targets[i].size
-                rows.append(triangles.stack[t, :height] @ self._moves[0][e, i])
+            for e in range(len(self.problem.experiments)):
+                rows.append(self.changes(e, i))
                 owner.append(np.full(len(rows[-1]), i))
         return np.concatenate(rows), np.concatenate(owner)
+
+    def changes(self, experiment: int, output: int) -> Array:
+        """The rows of `jacobian` that belong to one output of one experiment."""
+        triangles = self.triangles
+        rows = triangles.stack[triangles.which[experiment, output]]
+        if len(triangles.stack) > 1:  # one is shorter than another
+            rows = rows[: triangles.whole[experiment].targets[output].size]
+        return np.asarray(rows @ self._moves[0][experiment, output])
