@@ -11,7 +11,7 @@ from tridentify.estimation.likelihood.linear_fit import Linear
 from tridentify.estimation.likelihood.problem import LEAST_DAMPED, Problem, Variant
 from tridentify.estimation.likelihood.triangles import Triangles
 from tridentify.models.columns import Layout
-from tridentify.numerics.arrays import Array, Complex, Indices
+from tridentify.numerics.arrays import Array, Complex
 
 
 class Given(NamedTuple):
@@ -77,7 +77,7 @@ def fitted(
         How often each stands in the bank.
     """
     known = given(base, variant)
-    if known is None:
+    if known is None or known.is_shifted:
         return None
     from tridentify.estimation.likelihood.compiled_fit import fit_there
 
@@ -88,28 +88,10 @@ def fitted(
     bank = Bank.made(base.pattern, poles, repeats, *parts)
     layout = Layout(parts[1].size, base.n_inputs, e.free, e.offset, e.drift)
     free, experiments = known.shape[7], base.experiments
-    if known.is_shifted and variant is not None:
-        # constants went into the columns: they are those of the smaller problem, of no base
-        stack, layout, columns = _alone(stack, layout, variant, columns)
-        variant = None
     triangles = Triangles(
         variant, bank, stack, flat.which, targets, layout, free, columns, flat.counts, experiments
     )
     return triangles, Linear(*linear)
-
-
-def _alone(
-    stack: Array, layout: Layout, variant: Variant, nuisance: Indices
-) -> tuple[Array, Layout, Indices]:
-    """The columns that a choice keeps as if there were no others, and which are constant and ramp.
-
-    As `models.regression.restricted` makes them.
-    """
-    first = layout.order if layout.free and not variant.free else 0
-    kept = np.concatenate([np.arange(first, layout.nuisance.start), nuisance])
-    terms = variant.free, variant.offset and layout.offset, variant.drift and layout.drift
-    own = Layout(layout.order, layout.n_inputs, *terms)
-    return np.take(stack, kept, axis=2), own, np.arange(own.nuisance.start, own.n_signals)
 
 
 def limits_of(problem: Problem) -> Array:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from types import MappingProxyType
 
 import numpy as np
@@ -194,12 +194,19 @@ def _at(
     base: Problem, poles: Complex, known: Mapping[bytes, tuple[Regression, ...]]
 ) -> Callable[[Variant], Point]:
     """The fit of each choice at some poles."""
-    if _is_short(base):
-        return lambda variant: evaluate_variant(base, variant, poles)
-    bank = bank_of(base, poles, 2)
-    whole = known.get(poles.tobytes())
-    whole = whole or tuple(regress(e, bank.cascade) for e in base.experiments)
-    return lambda variant: point_at(variant.problem(base), Triangles.of(whole, bank, variant))
+    bank, light = bank_of(base, poles, 2), _is_short(base)
+
+    @cache
+    def whole() -> tuple[Regression, ...]:
+        found = known.get(poles.tobytes())
+        return found or tuple(regress(e, bank.cascade) for e in base.experiments)
+
+    def at(variant: Variant) -> Point:
+        if light and not any(constant is not None for constant in variant.constants):
+            return evaluate_variant(base, variant, poles)
+        return point_at(variant.problem(base), Triangles.of(whole(), bank, variant))
+
+    return at
 
 
 def _is_short(base: Problem) -> bool:
