@@ -121,8 +121,23 @@ class TransferFunction(ModelViews):
             "input_names": channel_names(input_names, shape[1], "u"),
             "output_names": channel_names(output_names, shape[0], "y"),
         }
-        for key, value in fields.items():
-            object.__setattr__(self, key, value)
+        self.__dict__.update(fields)
+
+    @classmethod
+    def of_monic(
+        cls,
+        num: Sequence[Sequence[Array]],
+        den: Sequence[Sequence[Array]],
+        input_names: tuple[str, ...],
+        output_names: tuple[str, ...],
+    ) -> TransferFunction:
+        """A model without delays of polynomials that are finite, proper, monic; not copied."""
+        found, delay = object.__new__(cls), np.zeros((len(num), len(num[0])))
+        for one in (delay, *(one for row in (*num, *den) for one in row)):
+            one.flags.writeable = False
+        own = tuple(map(tuple, num)), tuple(map(tuple, den)), delay, input_names, output_names
+        found.__dict__.update(zip(cls.__dataclass_fields__, own, strict=True))
+        return found
 
     @property
     def n_inputs(self) -> int:

@@ -145,6 +145,24 @@ def test_every_choice_is_fitted_as_its_columns_say(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", CASES)
+def test_outputs_change_as_scores_and_columns_say(name: str) -> None:
+    records, structure = CASES[name]
+    question = Question.of(records, structure)
+    poles = -np.linspace(0.7, 3.0, question.base.n_poles).astype(np.complex128)
+    for variant in question.variants:
+        point = evaluate_variant(question.base, variant, poles)
+        for i in range(question.base.n_outputs):
+            for e, regression in enumerate(point.regressions):
+                found = point.changes(e, i)
+                expected = np.zeros_like(found)
+                expected[:, point.width["a"]] = -point.score_states.signals(regression, e, i)
+                blocks = linear_blocks(point.problem, point.branches, regression, e, i)
+                for key, block in blocks.items():
+                    expected[:, point.width[i, key]] = block
+                assert np.allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("name", CASES)
 def test_unknowns_stand_where_their_columns_do(name: str) -> None:
     records, structure = CASES[name]
     question = Question.of(records, structure)

@@ -11,8 +11,8 @@ from scipy.signal import lfilter
 from tridentify.estimation.answer.estimate import Step
 from tridentify.estimation.likelihood.cost import evaluate, evaluate_variant
 from tridentify.estimation.likelihood.descent import Descent
+from tridentify.estimation.likelihood.fitted_point import ROUNDING_SQUARED
 from tridentify.estimation.likelihood.levenberg_marquardt import (
-    ROUNDING_SQUARED,
     Recorder,
     finish,
     finishing,

@@ -15,7 +15,7 @@ from tridentify.estimation.search.starts import (
     spread_starts,
 )
 from tridentify.models.parallel import fit_parallel
-from tridentify.models.regression import Experiment
+from tridentify.models.regression import Experiment, regress
 from tridentify.models.series_parallel import fit_series_parallel
 from tridentify.numerics.realization import cascade
 from tridentify.numerics.slices import drain
@@ -107,7 +107,7 @@ def test_machine_code_reduces_as_the_two_steps_are_derived(terms):
     base = problem(noise=0.3, terms=terms)
     near = min(laguerre_starts(base, [plain(base)]), key=lambda one: abs(one.rate - 2.0))
     for start in (near, drain(enriched_starts(base, plain(base), POLES[[0, 1, 2]]))[0]):
-        whole = start.banks.regressions(start.place)
+        whole = tuple(regress(e, start.bank) for e in base.experiments)
         regressions = start.variant.regressions(whole, start.bank)
         rows = np.eye(start.order, start.bank.order)
         fit = fit_parallel(regressions, rows, np.zeros(start.order), free_rows=rows)

@@ -76,7 +76,7 @@ def span(columns: Array, basis: Array | None = None, cutoff: float = SPAN_CUTOFF
     [[0.0], [1.0], [0.0]]
     """
     norms = np.sqrt(np.einsum("ij,ij->j", columns, columns))
-    used = columns[:, norms > 0] / norms[norms > 0]
+    used = columns / norms if norms.all() else columns[:, norms > 0] / norms[norms > 0]
     if used.shape[1] == 0:
         return np.zeros((columns.shape[0], 0))
     if basis is not None and basis.shape[1]:

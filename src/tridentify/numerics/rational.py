@@ -78,13 +78,15 @@ def scaled_roots(coefficients: Array) -> Complex:
     >>> scaled_roots(np.array([1e-200, 1.0])).real, scaled_roots(np.array([1e-300, 1e300]))
     (array([-1.e+200]), array([], dtype=complex128))
     """
-    kept = np.trim_zeros(np.asarray(coefficients, dtype=np.float64), "f")
+    kept = np.asarray(coefficients, dtype=np.float64)
     found = np.flatnonzero(kept)
     if found.size < 2:
-        return np.roots(kept).astype(np.complex128)
-    logs = np.log2(np.abs(kept[found])) - np.log2(abs(kept[0]))
+        return np.zeros(kept.size - 1 - found[0] if found.size else 0, dtype=np.complex128)
+    kept, found = kept[found[0] :], found - found[0]
+    sizes = np.log2(np.abs(kept[found]))
+    logs = sizes - sizes[0]
     if np.abs(logs).max() < FAR:
-        return np.roots(kept).astype(np.complex128)
+        return _roots(kept, int(found[-1]))
     unit = round(float(logs[-1] / found[-1]))
     powers = logs - unit * found
     if powers.max() > MOST_POWER or unit > MOST_POWER:
@@ -92,6 +94,15 @@ def scaled_roots(coefficients: Array) -> Complex:
     scaled = np.zeros(kept.size)
     scaled[found] = np.sign(kept[found]) * np.sign(kept[0]) * np.exp2(powers)
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-        roots = np.asarray(np.roots(scaled).astype(np.complex128))
+        roots = _roots(scaled, int(found[-1]))
         roots = np.ldexp(roots.real, unit) + 1j * np.ldexp(roots.imag, unit)
     return roots[np.isfinite(roots)]
+
+
+def _roots(coefficients: Array, last: int) -> Complex:
+    """As `numpy.roots`, of a first coefficient that is not zero; ``last`` is the last such one."""
+    companion = np.eye(last, k=-1)
+    companion[:1] = -coefficients[1 : last + 1] / coefficients[0]
+    found = np.zeros(coefficients.size - 1, dtype=np.complex128)
+    found[:last] = np.linalg.eigvals(companion)
+    return found

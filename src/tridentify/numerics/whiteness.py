@@ -59,7 +59,7 @@ def is_white(series: Sequence[Array], rate: float = FALSE_ALARMS) -> bool:
     every = range(1, n_lags + 1)
     products, pairs = np.zeros(n_lags), np.zeros(n_lags)
     for one in filled:
-        products += [float(one[lag:] @ one[:-lag]) for lag in every]
+        products += np.correlate(np.append(one, np.zeros(n_lags)), one)[1:]
         pairs += np.maximum(one.size - np.arange(1.0, n_lags + 1.0), 0.0) if complete else 0.0
     for one in seen:
         pairs += [float(one[lag:] @ one[:-lag]) for lag in every]

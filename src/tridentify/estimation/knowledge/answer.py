@@ -33,7 +33,7 @@ from tridentify.estimation.likelihood.answer import (
     noise_criterion,
 )
 from tridentify.estimation.likelihood.curvature import SINGULAR
-from tridentify.estimation.likelihood.levenberg_marquardt import ROUNDING_SQUARED
+from tridentify.estimation.likelihood.fitted_point import ROUNDING_SQUARED
 from tridentify.estimation.likelihood.nuisance import Nuisances, reference_of
 from tridentify.estimation.likelihood.scores import ScoreScatter
 from tridentify.numerics.arrays import Array

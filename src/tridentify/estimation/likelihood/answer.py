@@ -104,6 +104,8 @@ class Ending:
     def aicc(self) -> float:
         """AICc, the noise model counted."""
         point, problem = self.point, self.point.problem
+        if not any(a.size for a in problem.noise):
+            return self.criterion
         k = problem.n_coefficients + problem.n_nuisance + problem.n_outputs
         n = float(point.counts.sum())
         return self.criterion + noise_criterion(problem.noise, point.regressions, k, n)
@@ -321,8 +323,10 @@ def model_of(problem: Problem, theta: Array, record: Record) -> TransferFunction
     for place, group in zip(a_places, problem.groups, strict=True):
         for i, j in group.channels:
             den[i][j] = np.concatenate([[1.0], theta[place]])
-            num[i][j] = theta[b_places[i, j]]
+            num[i][j] = theta[b_places[i, j]].copy()
     delays = problem.experiments[0].delays
+    if delays is None and np.isfinite(theta).all():
+        return TransferFunction.of_monic(num, den, record.input_names, record.output_names)
     return TransferFunction(
         num,
         den,

@@ -10,15 +10,21 @@ a lower one.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from types import MappingProxyType
 
 import numpy as np
 
 from tridentify.estimation.answer.estimate import Status
-from tridentify.estimation.likelihood.cost import Point, bank_of, evaluate, point_at
+from tridentify.estimation.likelihood.cost import (
+    Point,
+    bank_of,
+    evaluate,
+    evaluate_variant,
+    point_at,
+)
 from tridentify.estimation.likelihood.levenberg_marquardt import (
     Recorder,
     at_rounding,
@@ -33,6 +39,10 @@ from tridentify.estimation.likelihood.triangles import Triangles
 from tridentify.models.regression import Regression, regress
 from tridentify.numerics.arrays import Complex
 from tridentify.numerics.slices import Slices, drain
+
+SHORT = 2_000
+"""Samples up to which machine code filters them again for each choice: that takes less time than to
+take a choice's triangle from one of all."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,15 +140,19 @@ def deciding(
         question.say(f"output error ({choices[k].label})")
         yield
         problem = question.chosen(choices[k])
-        at = partial(evaluate, problem)
+        at: Callable[..., Point] = partial(evaluate, problem)
         same = _same_input(problem, base, variants[k])
         # the variant holds the inputs of the base: what is simulated later needs its own
         point = promised[k].point
         start = point.carried_to(problem) if same else at(point.poles)
+        light = same and base.limits is None and _is_short(base)
+        if light:
+            at = partial(evaluate_variant, base, variants[k])
         patience, recorder = question.patience, Recorder()
         settled = patience.settled(start.counts.sum())
         steps = finishing(at, start, recorder, patience.most, settled)
         point, status, why = yield from steps
+        point = point.carried_to(problem) if light else point
         done[k] = Finished(choices[k], point, status, why, criterion(point), recorder)
         surprised = abs(done[k].criterion - promised[k].criterion) > EQUAL
         if len(done) < len(choices) and (surprised or at_rounding(point)):
@@ -157,13 +171,10 @@ def _predict(
     """Every choice one Gauss-Newton step ahead of the best seed; and which seed that is."""
     found = []
     for poles in seeds:
-        bank = bank_of(base, poles, 2)
-        whole = known.get(poles.tobytes())
-        whole = whole or tuple(regress(e, bank.cascade) for e in base.experiments)
-        own = []
+        at, own = _at(base, poles, known), list[Point]()
         for v in variants:
             yield
-            own.append(point_at(v.problem(base), Triangles.of(whole, bank, v)))
+            own.append(at(v))
         found.append(own)
     lowest = [min(point.objective for point in points) for points in found]
     seed = lowest.index(min(lowest))
@@ -177,6 +188,29 @@ def _predict(
         yield
         promised.append(Predicted(point, criterion(point, min(point.decrease(), trusted))))
     return promised, seed
+
+
+def _at(
+    base: Problem, poles: Complex, known: Mapping[bytes, tuple[Regression, ...]]
+) -> Callable[[Variant], Point]:
+    """The fit of each choice at some poles."""
+    bank, light = bank_of(base, poles, 2), _is_short(base)
+
+    @cache
+    def whole() -> tuple[Regression, ...]:
+        found = known.get(poles.tobytes())
+        return found or tuple(regress(e, bank.cascade) for e in base.experiments)
+
+    def at(variant: Variant) -> Point:
+        if light and not any(constant is not None for constant in variant.constants):
+            return evaluate_variant(base, variant, poles)
+        return point_at(variant.problem(base), Triangles.of(whole(), bank, variant))
+
+    return at
+
+
+def _is_short(base: Problem) -> bool:
+    return base.flat is not None and sum(e.n_samples for e in base.experiments) <= SHORT
 
 
 def _same_input(problem: Problem, base: Problem, variant: Variant) -> bool:

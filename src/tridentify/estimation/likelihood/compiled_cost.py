@@ -18,8 +18,9 @@ from __future__ import annotations
 import numpy as np
 
 from tridentify.models.compiled_columns import add_combined, add_filtered, largest, leads_to
-from tridentify.numerics.arrays import Array, Indices
+from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.numerics.compiled import compiled
+from tridentify.numerics.kernels.polynomials import numerator_table
 from tridentify.numerics.kernels.small_least_squares import singular, solve_small
 
 Linear = tuple[Array, Array, Array, Array, Array, Array, Indices, Array, Array, Indices, Array]
@@ -369,3 +370,126 @@ def scores_at(
             residual[top + r] = weights[i] * residuals[i, r]
     s, vt, scale, projection, total = decomposed(scores, residual)
     return scores, residual, s, vt, scale, projection, total
+
+
+@compiled(
+    "(int64, int64, boolean, int64[::1], int64[::1], int64[::1], int64[:,::1], int64[:,::1], int64,"
+    " float64[:,::1], float64[:,::1], float64[::1], float64[::1], float64[:,:,::1],"
+    " float64[:,::1], float64[:,:,::1], float64[:,::1], int64)",
+    free=True,
+)
+def moves_at(
+    n_signals: int, first_input: int, free: bool, nuisance: Indices, orders: Indices,
+    firsts: Indices, group: Indices, zeros: Indices, repeats: int, basis: Array, a: Array,
+    b: Array, maps: Array, rows: Array, direct: Array, started: Array, solutions: Array,
+    n_delays: int,
+) -> tuple[Array, Array]:  # fmt: skip
+    """How outputs, and their changes with every unknown, are made of the columns of a triangle.
+
+    Parameters
+    ----------
+    n_signals : int
+        Columns of a triangle.
+    first_input, free, nuisance, orders, firsts, group, zeros, repeats, basis
+        As of `fit_outputs`.
+    a, b, maps : arrays
+        As of `scores_at`.
+    rows, direct, started, solutions
+        From `fit_outputs`.
+    n_delays : int
+        Inputs whose delays are unknowns, too.
+
+    Returns
+    -------
+    moves : (n_experiments, n_outputs, n_signals, n_unknowns) array
+        Unknowns are those of all poles, the delays, then output by output those of its fit.
+    made : (n_experiments, n_outputs, n_signals) array
+        The outputs that were fitted.
+    """
+    n_experiments, (n_outputs, n_inputs) = len(started), group.shape
+    q, n = b.size, firsts[-1] + orders[-1] + n_delays
+    sizes = unknowns(free, nuisance.size, n_experiments, orders, group, zeros)
+    moves = np.zeros((n_experiments, n_outputs, n_signals, n + sizes.sum()))
+    made = np.zeros((n_experiments, n_outputs, n_signals))
+    unit, first_direct = np.eye(n_signals), q * (n_inputs + first_input)
+    for e in range(n_experiments):
+        first = n
+        for i in range(n_outputs):
+            out, own = moves[e, i], made[e, i]
+            add_filtered(
+                unit, e, i, free, first_input, repeats, orders, firsts, group, n_inputs, b, maps,
+                rows, direct, started, out, 0,
+            )  # fmt: skip
+            for j in range(n_delays):
+                column = q * (j + first_input)
+                for k in range(q):
+                    weight = rows[i, j, k]
+                    out[first_direct + j, n - n_delays + j] += weight * b[k]
+                    for d in range(q):
+                        out[column + d, n - n_delays + j] += weight * a[k, d]
+            # scores are minus the derivatives
+            for r in range(n_signals):
+                for c in range(n):
+                    out[r, c] = -out[r, c]
+            at = first
+            for j in range(n_inputs):
+                column, m = q * (j + first_input), orders[group[i, j]]
+                pole = firsts[group[i, j]]
+                for d in range(min(zeros[i, j] + 1, m)):
+                    for k in range(m):
+                        out[column + pole * repeats + k, at + d] = basis[pole + d, k]
+                if zeros[i, j] == m:
+                    out[first_direct + j, at + m] = 1.0
+                for k in range(q):
+                    own[column + k] = rows[i, j, k]
+                own[first_direct + j] = direct[i, j]
+                at += zeros[i, j] + 1
+            at += e * ((first + sizes[i] - at) // n_experiments)
+            if free:
+                for k in range(q):
+                    own[k] = started[e, i, k]
+                for g in range(orders.size):
+                    if leads_to(group, i, g):
+                        for k in range(orders[g]):
+                            out[firsts[g] * repeats + k, at] = 1.0
+                            at += 1
+            for k in range(nuisance.size):
+                out[nuisance[k], at] = 1.0
+                own[nuisance[k]] = solutions[i, at - first]
+                at += 1
+            first += sizes[i]
+    return moves, made
+
+
+@compiled("float64(complex128[::1], int64[::1], int64[::1], float64[:,::1])")
+def loosest(poles: Complex, orders: Indices, firsts: Indices, root: Array) -> float:
+    """The largest standard error of a pole over its own decay rate (`cost.Point.looseness`).
+
+    Parameters
+    ----------
+    poles : (n_poles,) complex array
+    orders, firsts : (n_groups,) int arrays
+    root : (n_poles, k) array
+        ``root root'`` is the covariance of ``alpha``.
+    """
+    worst = 0.0
+    for g in range(orders.size):
+        own = poles[firsts[g] : firsts[g] + orders[g]]
+        table = numerator_table(own)
+        for k in range(own.size):
+            slope, square = 1.0, 0.0
+            for other in range(own.size):
+                if other != k:
+                    slope *= abs(own[k] - own[other])
+            if slope == 0.0:
+                return np.inf
+            for c in range(root.shape[1]):
+                moved = 0.0j
+                for p in range(own.size):
+                    part = 0.0
+                    for d in range(own.size):
+                        part += table[d, p] * root[firsts[g] + d, c]
+                    moved = moved * own[k] + part
+                square += moved.real**2 + moved.imag**2
+            worst = max(worst, np.sqrt(square) / (slope * -own[k].real))
+    return worst

@@ -51,14 +51,16 @@ from tridentify.estimation.likelihood.triangles import Triangles
 from tridentify.models.regression import Regression, regress
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.kept import cached_property
-from tridentify.numerics.realization import numerators, roots_of
+from tridentify.numerics.realization import roots_of
 
 FAR = 0.1
 """Fall of ``-2 log L`` a sample that a step promises, above which the quadratic it rests on is not
 that of the end: 5 % of the residual. What is poor now may lead elsewhere, so no pole is held."""
 
 
-CARRIED = frozenset({"variance", "objective", "weights", "seen", "_decomposition", "_undamped"})
+CARRIED = frozenset(
+    {"variance", "objective", "weights", "seen", "_decomposition", "_undamped", "aicc"}
+)
 """What `Point.carried_to` need not work out again."""
 
 
@@ -98,6 +100,8 @@ class Point(FittedPoint):
 
     def carried_to(self, problem: Problem) -> Point:
         """The same place in a problem of the same samples, orders and nuisance terms."""
+        if problem is self.problem:
+            return self
         found = replace(self, problem=problem)
         known = {name: value for name, value in vars(self).items() if name in CARRIED}
         vars(found).update(known)
@@ -259,19 +263,13 @@ class Point(FittedPoint):
         found = self._decomposition
         if not found.s[-1] > 0:
             return float("inf")
+        from tridentify.estimation.likelihood.compiled_cost import loosest
+
         root = found.vt.T / found.s / found.scale[:, None]
         root = root if found.basis is None else found.basis @ root
-        worst = 0.0
-        for inner, group in zip(self.triangles.bank.inners, self.problem.groups, strict=True):
-            moved = np.vander(inner.poles) @ (numerators(inner.poles).T @ root[group.poles])
-            errors = np.sqrt((moved.real**2 + moved.imag**2).sum(axis=1)).tolist()
-            z = inner.poles.tolist()
-            for k, (own, error) in enumerate(zip(z, errors, strict=True)):
-                slope = math.prod(abs(own - other) for other in (*z[:k], *z[k + 1 :]))
-                if slope == 0.0:
-                    return float("inf")
-                worst = max(worst, error / (slope * -own.real))
-        return worst
+        orders, firsts, _, _ = self.problem.pattern
+        poles = self.triangles.bank.poles
+        return loosest(poles, orders, firsts, np.ascontiguousarray(root[: poles.size]))
 
 
 def bank_of(problem: Problem, poles: Complex, repeats: int) -> Bank:

@@ -18,7 +18,8 @@ import numpy as np
 
 from tridentify.errors import UnsupportedOrderError
 from tridentify.estimation.likelihood.cost import Point
-from tridentify.estimation.likelihood.levenberg_marquardt import ROUNDING_SQUARED, coefficients
+from tridentify.estimation.likelihood.fitted_point import ROUNDING_SQUARED
+from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
 from tridentify.estimation.likelihood.scores import ScoreScatter, scatter_of_scores
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.kept import cached_property

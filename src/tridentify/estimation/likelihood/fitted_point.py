@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -17,6 +19,7 @@ from tridentify.estimation.likelihood.triangles import Triangles
 from tridentify.models.regression import LONG, Regression, response_of
 from tridentify.models.response import Branch, ColumnBlocks, FilteredResponse, Response
 from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.information import aicc_price
 from tridentify.numerics.kept import cached_property
 from tridentify.numerics.least_squares import Solution
 from tridentify.numerics.realization import Cascade, filter_map
@@ -24,6 +27,9 @@ from tridentify.numerics.realization import Cascade, filter_map
 FLOOR = 1e-30
 """Share of the output's power added to a residual's: (1e-15)^2, its rounding. The logarithm of a
 residual of nothing is a number then."""
+ROUNDING_SQUARED = 1e-22
+"""Residual power over the output's below which it is rounding: 1e-11 of its size, some 1e5 times
+the rounding of one sample, as filters and solves add theirs."""
 LEAST_VARIANCE = 1e-300
 """A residual of nothing counts as this: its logarithm is a number."""
 
@@ -122,6 +128,32 @@ class FittedPoint:
         """(n_outputs,) one over the residual standard deviations."""
         return np.asarray(1.0 / np.sqrt(np.maximum(self.variance, LEAST_VARIANCE)))
 
+    def aicc_after(self, decrease: float) -> float:
+        """AICc after an expected fall of ``-2 log L``; residuals below rounding count as equal."""
+        n = float(self.counts.sum())
+        share, likelihood = math.exp(-decrease / n), 0.0
+        # one by one: they are few
+        for rss, count, size in self._by_output():
+            variance = share * rss / count + ROUNDING_SQUARED * size
+            likelihood += count * (math.log(variance) if variance else -math.inf)
+        k = self.problem.n_coefficients + self.problem.n_nuisance + self.problem.n_outputs
+        return likelihood + aicc_price(float(k), n)
+
+    @cached_property
+    def aicc(self) -> float:
+        """``sum_i N_i log(RSS_i / N_i) + 2 k + 2 k (k + 1) / (N - k - 1)``."""
+        return self.aicc_after(0.0)
+
+    @cached_property
+    def exact(self) -> tuple[bool, ...]:
+        """Of each output, whether the residual is no more than rounding."""
+        return tuple(rss < ROUNDING_SQUARED * size * n for rss, n, size in self._by_output())
+
+    def _by_output(self) -> Iterator[tuple[float, float, float]]:
+        """Residual sum of squares, samples, and mean square of every output."""
+        columns = self.rss, self.counts, self.problem.size
+        return zip(*(one.tolist() for one in columns), strict=True)
+
     @property
     def inner(self) -> Cascade:
         """The poles once, where all channels share them."""
@@ -188,19 +220,12 @@ class FittedPoint:
         """
         found = []
         for e, experiment in enumerate(self.problem.experiments):
-            layout, bank = self.triangles.kept, self.bank
+            bank, rows = self.bank, self._kept(self._moves[1][e].T).T
             if experiment.n_samples > LONG and len(self.branches) == 1:
                 # the outputs use the poles once
-                bank = self.branches[0].inner
-                layout = replace(layout, order=bank.order)
-            rows = np.zeros((self.problem.n_outputs, layout.n_signals))
-            for i in range(len(self.linear.sizes)):
-                for j in range(layout.n_inputs):
-                    rows[i, layout.input_states(j)] = self.response.rows[i, j, : bank.order]
-                    rows[i, layout.direct(j)] = self.response.direct[i, j]
-                if layout.free:
-                    rows[i, : layout.order] = self.response.free[e, i, : bank.order]
-                rows[i, layout.nuisance] = self.terms(("nuisance", e, i), i)
+                layout, bank = self.triangles.kept, self.branches[0].inner
+                again = [k for k in range(layout.states) if k % layout.order >= bank.order]
+                rows = np.delete(rows, again, axis=1)
             found.append(response_of(experiment, bank, rows, most))
         return tuple(found)
 
@@ -215,7 +240,7 @@ class FittedPoint:
         """
         found = []
         for e, experiment in enumerate(self.problem.experiments):
-            rows = self._moves[e][output] @ combinations
+            rows = self._kept(self._moves[0][e, output]) @ combinations
             owners = [output] * rows.shape[1]
             signals = response_of(experiment, self.bank, rows.T, outputs=owners)
             lost = np.isnan(experiment.y[:, [output]])
@@ -223,30 +248,34 @@ class FittedPoint:
         return tuple(found)
 
     @cached_property
-    def _moves(self) -> tuple[tuple[Array, ...], ...]:
-        """How each unknown of `jacobian` moves an output, in columns: ``[experiment][output]``."""
-        layout, width, outputs = self.triangles.kept, self.width, range(self.problem.n_outputs)
-        n, every = layout.n_signals, max(place.stop for place in width.values())
-        unit = Regression(
-            layout,
-            (np.eye(n),) * len(outputs),
-            (np.zeros(n),) * len(outputs),
-            (n,) * len(outputs),
+    def _moves(self) -> tuple[Array, Array]:
+        """How each unknown of `jacobian` moves the outputs, and these, as columns make them."""
+        from tridentify.estimation.likelihood.compiled_cost import moves_at
+
+        triangles, linear, bank = self.triangles, self.linear, self.triangles.bank
+        a, b, _ = bank.cascade
+        return moves_at(
+            triangles.layout.n_signals,
+            int(triangles.layout.free),
+            triangles.free,
+            triangles.nuisance,
+            *self.problem.pattern,
+            bank.repeats,
+            bank.basis,
+            a,
+            b,
+            bank.maps,
+            np.ascontiguousarray(linear.rows),
+            np.ascontiguousarray(linear.direct),
+            np.ascontiguousarray(linear.started),
+            linear.solutions,
+            self.problem.n_delays,
         )
-        found = []
-        for e in range(len(self.problem.experiments)):
-            own = []
-            for i in outputs:
-                rows = np.zeros((n, every))
-                rows[:, width["a"]] = -self.score_states.signals(unit, e, i)
-                if self.problem.n_delays:
-                    rows[:, width["delay"]] = -self.slopes(unit, i)
-                linear = linear_blocks(self.problem, self.branches, unit, e, i)
-                for key, block in linear.items():
-                    rows[:, width[i, key]] = block
-                own.append(rows)
-            found.append(tuple(own))
-        return tuple(found)
+
+    def _kept(self, rows: Array) -> Array:
+        """Of the columns of a triangle, those that count."""
+        columns = self.triangles.columns
+        return rows if columns.size == len(rows) else rows[columns]
 
     @cached_property
     def width(self) -> dict[object, slice]:
@@ -289,7 +318,15 @@ class FittedPoint:
     def _jacobian(self) -> tuple[Array, Array]:
         rows, owner = [], []
         for i in range(self.problem.n_outputs):
-            for e, regression in enumerate(self.regressions):
-                rows.append(regression.signals[i] @ self._moves[e][i])
+            for e in range(len(self.problem.experiments)):
+                rows.append(self.changes(e, i))
                 owner.append(np.full(len(rows[-1]), i))
         return np.concatenate(rows), np.concatenate(owner)
+
+    def changes(self, experiment: int, output: int) -> Array:
+        """The rows of `jacobian` that belong to one output of one experiment."""
+        triangles = self.triangles
+        rows = triangles.stack[triangles.which[experiment, output]]
+        if len(triangles.stack) > 1:  # one is shorter than another
+            rows = rows[: triangles.whole[experiment].targets[output].size]
+        return np.asarray(rows @ self._moves[0][experiment, output])

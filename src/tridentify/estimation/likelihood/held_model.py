@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tridentify.estimation.likelihood.levenberg_marquardt import ROUNDING_SQUARED
+from tridentify.estimation.likelihood.fitted_point import ROUNDING_SQUARED
 from tridentify.estimation.likelihood.literal import Literal, Rests, fit_rests
 from tridentify.estimation.likelihood.nuisance import Nuisances
 from tridentify.estimation.likelihood.problem import Problem

@@ -7,7 +7,7 @@ is, that is when the coefficients move by far less than their standard errors.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -17,6 +17,7 @@ from tridentify.estimation.answer.estimate import Pass, Status, Step
 from tridentify.estimation.likelihood.bend import bend_of
 from tridentify.estimation.likelihood.cost import Point
 from tridentify.estimation.likelihood.descent import Descent, Taken
+from tridentify.estimation.likelihood.fitted_point import ROUNDING_SQUARED
 from tridentify.estimation.likelihood.held_poles import at_slow_limit
 from tridentify.estimation.likelihood.problem import REFLECTED, TOO_FAST, TOO_SLOW, Problem
 from tridentify.estimation.likelihood.thresholds import (
@@ -27,15 +28,11 @@ from tridentify.estimation.likelihood.thresholds import (
     SETTLED_LONG,
 )
 from tridentify.numerics.arrays import Array, Complex
-from tridentify.numerics.information import aicc_price
 from tridentify.numerics.slices import Slices, drain
 
 LONG = 50_000
 """Samples from which a step is settled by `thresholds.SETTLED_LONG`: a pass over them takes longer
 than all else a step does."""
-ROUNDING_SQUARED = 1e-22
-"""Residual power over the output's below which it is rounding: 1e-11 of its size, some 1e5 times
-the rounding of one sample, as filters and solves add theirs."""
 MOST_STEPS = 60
 """Most steps tried, by default; no record of the sensitivity benchmark takes more than half of
 them."""
@@ -131,10 +128,13 @@ def mean_square(point: Point) -> float:
 
 
 def _mean_square(rss: Array, counts: Array) -> float:
-    variance = rss / counts
-    if np.any(variance == 0):
-        return 0.0
-    return float(np.exp(counts @ np.log(variance) / counts.sum()))
+    # one by one: they are few
+    sizes, total = counts.tolist(), 0.0
+    for one, n in zip(rss.tolist(), sizes, strict=True):
+        if one == 0.0:
+            return 0.0
+        total += n * math.log(one / n)
+    return math.exp(total / sum(sizes))
 
 
 def criterion(point: Point, decrease: float = 0.0) -> float:
@@ -145,42 +145,18 @@ def criterion(point: Point, decrease: float = 0.0) -> float:
     point : Point
     decrease : float
         Expected fall of ``-2 log L`` by a further step.
-
-    Returns
-    -------
-    float
-        ``sum_i N_i log(RSS_i / N_i) + 2 k + 2 k (k + 1) / (N - k - 1)``.
     """
-    problem = point.problem
-    n = float(point.counts.sum())
-    share, likelihood = math.exp(-decrease / n), 0.0
-    # one by one: they are few
-    for rss, count, size in _by_output(point):
-        variance = share * rss / count + ROUNDING_SQUARED * size
-        likelihood += count * (math.log(variance) if variance else -math.inf)
-    k = problem.n_coefficients + problem.n_nuisance + problem.n_outputs
-    return likelihood + aicc_price(float(k), n)
+    return point.aicc_after(decrease) if decrease else point.aicc
 
 
 def at_rounding(point: Point) -> bool:
     """Whether the residual is no more than rounding: a noise-free record."""
-    return all(_exact(point))
-
-
-def _exact(point: Point) -> list[bool]:
-    """Of each output, whether the residual is no more than rounding."""
-    return [rss < ROUNDING_SQUARED * size * n for rss, n, size in _by_output(point)]
-
-
-def _by_output(point: Point) -> Iterator[tuple[float, float, float]]:
-    """Residual sum of squares, samples, and mean square of every output."""
-    columns = point.rss, point.counts, point.problem.size
-    return zip(*(one.tolist() for one in columns), strict=True)
+    return all(point.exact)
 
 
 def _gain(point: Point, trial: Point) -> float:
     """Fall of `Point.objective`; outputs at rounding count only when all are."""
-    pairs = zip(_exact(point), _exact(trial), strict=True)
+    pairs = zip(point.exact, trial.exact, strict=True)
     exact = np.array([one and other for one, other in pairs])
     if exact.all() or not exact.any():
         return point.objective - trial.objective

@@ -95,7 +95,7 @@ class NoiseLevels:
             for e, (regression, experiment) in enumerate(
                 zip(point.regressions, point.problem.experiments, strict=True)
             ):
-                rows = regression.signals[i] @ point._moves[e][i]
+                rows = point.changes(e, i)
                 left = fit.residual[row : row + len(rows)]
                 row += len(rows)
                 along = rows @ curvature.root / np.sqrt(max(curvature.noise[i], 1e-300))

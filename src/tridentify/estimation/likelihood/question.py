@@ -101,6 +101,9 @@ class Question:
 
     def chosen(self, nuisances: Nuisances) -> Problem:
         """The problem of one choice alone."""
+        shifted = nuisances.initial_state == "free" and nuisances.offset
+        if len(self.choices) == 1 and not shifted:
+            return self.base
         problem = build(self.records, self.structure, nuisances).whitened(self.base.noise)
         if self.base.limits is not None:
             problem = problem.delayed(self.base.delays).freed(self.base.limits)

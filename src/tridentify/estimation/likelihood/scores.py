@@ -263,6 +263,8 @@ def _own_first(along: Array | None, k: int) -> tuple[Array, int]:
     if along is None:
         return np.eye(k), k
     size = np.linalg.norm(along, axis=1)
+    if np.count_nonzero(size) >= k:  # without nuisance terms all axes are theirs
+        return np.eye(k), k
     _, s, vt = np.linalg.svd(along[size > 0] / size[size > 0, None])
     return vt.T, max(int(np.sum(s > s.max(initial=0.0) * NO_MOVE)), 1)
 

@@ -103,6 +103,13 @@ class Triangles:
         return Layout(all_.order, all_.n_inputs, own.free, own.offset, own.drift)
 
     @cached_property
+    def columns(self) -> Indices:
+        """Which columns of the stack count: those of `kept`."""
+        layout = self.layout
+        first = layout.order if layout.free and not self.free else 0
+        return np.concatenate([np.arange(first, layout.nuisance.start), self.nuisance])
+
+    @cached_property
     def regressions(self) -> tuple[Regression, ...]:
         """The columns that count, experiment by experiment."""
         if self.variant is None:

@@ -11,13 +11,39 @@ Columns of the triangles are those of `compiled_cost`.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from tridentify.estimation.likelihood.compiled_cost import fill_columns, unknowns
+from tridentify.estimation.likelihood.compiled_fit import CHARTS, SHAPE, triangles_there
 from tridentify.numerics.arrays import Array, Complex, Flags, Indices
 from tridentify.numerics.compiled import compiled
 from tridentify.numerics.kernels.cascades import fill_basis, fill_cascade
 from tridentify.numerics.kernels.triangles import triangularise
+
+
+@compiled(f"({CHARTS}, {SHAPE}, float64[:,:,::1], float64[:,::1])", free=True)
+def triangles_on(charts: Any, shape: Any, a: Array, b: Array) -> tuple[Array, Array]:
+    """The triangles of all experiments on several banks, and the targets.
+
+    Parameters
+    ----------
+    charts, shape : tuples
+        As of `compiled_fit`.
+    a, b : (n_banks, q, q), (n_banks, q) arrays
+
+    Returns
+    -------
+    stack : (n_banks, n_triangles, r, n_columns) array
+    targets : (n_banks, n_experiments, n_outputs, r) array
+    """
+    first, own = triangles_there(charts, shape, a[0], b[0])
+    stack, targets = np.empty((len(b), *first.shape)), np.empty((len(b), *own.shape))
+    stack[0], targets[0] = first, own
+    for k in range(1, len(b)):
+        stack[k], targets[k] = triangles_there(charts, shape, a[k], b[k])
+    return stack, targets
 
 
 @compiled(

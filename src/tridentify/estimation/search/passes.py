@@ -22,9 +22,8 @@ from tridentify.estimation.answer.trace import pairs
 from tridentify.estimation.likelihood.charted import Given, given, limits_of
 from tridentify.estimation.likelihood.cost import Point, evaluate_variant
 from tridentify.estimation.likelihood.descent import TOGETHER
-from tridentify.estimation.likelihood.fitted_point import FLOOR
+from tridentify.estimation.likelihood.fitted_point import FLOOR, ROUNDING_SQUARED
 from tridentify.estimation.likelihood.levenberg_marquardt import (
-    ROUNDING_SQUARED,
     Recorder,
     at_rounding,
     coefficients,

@@ -118,13 +118,12 @@ class ParallelStart:
         from tridentify.estimation.search.compiled_reduction import reductions
 
         problem, banks, variant, filters = self.problem, self.banks, self.variant, self.filters
-        stack, which, targets, _ = banks.together
-        stack = banks.shifted(variant) if shifts(variant) else stack
+        stack = banks.shifted(variant) if shifts(variant) else banks.stack
         orders, _, group, zeros = problem.pattern
         found = reductions(
             stack[self.place],
-            which,
-            targets[self.place],
+            banks.which,
+            banks.targets[self.place],
             int(banks.layout.free),
             variant.free,
             np.array(kept_columns(banks.layout, variant), dtype=np.int64),

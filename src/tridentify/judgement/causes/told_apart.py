@@ -25,7 +25,6 @@ import numpy as np
 from tridentify.estimation.answer.finding import Finding
 from tridentify.judgement.causes.first_samples import beginning
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.least_squares import Accumulator
 from tridentify.record.record import Record
 
 MOST_LAGS = 8
@@ -295,24 +294,27 @@ def _regression(
     records: Sequence[Record], j: int, lags: int, first: int, *, outputs: bool = True
 ) -> _Regression:
     """Triangle of the samples from one on, of an input beside what may tell it."""
+    from tridentify.numerics.kernels.triangles import triangularise
+
     sources = [(False, lag) for lag in range(1, lags + 1)]
     sources += [(True, lag) for lag in range(lags + 1)] if outputs else []
     widths = [records[0].n_outputs if output else records[0].n_inputs for output, _ in sources]
-    levels = len(records)
+    levels, rows, top = len(records), 0, 0
+    size = levels + sum(widths) + 1
     longest = max(record.n_samples for record in records)
-    total = Accumulator(levels + sum(widths) + 1, max(min(BLOCK, longest - first), 0))
-    rows = 0
+    # the triangle of the samples before stands on top of a block
+    every, r = np.empty((size, size + max(min(BLOCK, longest - first), 0))), np.zeros((size, size))
     for e, record in enumerate(records):
         gaps = bool(np.isnan(record.y).any())
-        u = record.u - record.u.mean(axis=0)
-        y = record.y - (np.nanmean if gaps else np.mean)(record.y, axis=0)
+        u = (record.u - record.u.mean(axis=0)).T
+        y = (record.y - (np.nanmean if gaps else np.mean)(record.y, axis=0)).T
         for start in range(first, record.n_samples, BLOCK):
             stop = min(start + BLOCK, record.n_samples)
-            block, at = total.buffer[:, : stop - start], levels
+            block, at = every[:, top : top + stop - start], levels
             block[:levels] = 0.0
             block[e] = 1.0
             for (output, lag), width in zip(sources, widths, strict=True):
-                block[at : at + width] = (y if output else u)[start - lag : stop - lag].T
+                block[at : at + width] = (y if output else u)[:, start - lag : stop - lag]
                 at += width
             block[at] = record.u[start:stop, j]
             count = stop - start
@@ -321,8 +323,9 @@ def _regression(
                 count = int(seen.sum())
                 block[:, :count] = block[:, seen]
             if count:
-                total.absorb(count)
-                rows += count
+                triangularise(every, top + count, 0, 0, r)
+                every[:, :size] = r.T
+                rows, top = rows + count, size
     of = [one for one, width in zip(sources, widths, strict=True) for _ in range(width)]
     own = np.array([(False, 0)] * levels + of, dtype=int)
-    return _Regression(total.r, rows, own[:, 1], own[:, 0] == 1)
+    return _Regression(r, rows, own[:, 1], own[:, 0] == 1)

@@ -36,7 +36,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
-from tridentify.estimation.likelihood.levenberg_marquardt import ROUNDING_SQUARED
+from tridentify.estimation.likelihood.fitted_point import ROUNDING_SQUARED
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.information import aicc_price
