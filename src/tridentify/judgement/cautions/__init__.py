@@ -152,6 +152,10 @@ BENDS = ("saturation", "nonlinear", "varying", "disagreeing-experiments")
 """Causes that leave single samples far from a model that was fitted across them."""
 
 
+LATE = ("repeated", "between")
+"""The same of an input whose moves were recorded late."""
+
+
 def _beside_causes(seen: Sequence[Finding], tested: Sequence[Finding]) -> list[Finding]:
     """Without far samples that a cause makes.
 
@@ -160,7 +164,7 @@ def _beside_causes(seen: Sequence[Finding], tested: Sequence[Finding]) -> list[F
     robust loss would only keep what the cause bends.
     """
     every = {name for one in seen for name in one.outputs}
-    makes = [one for one in tested if one.code in BENDS or one.kind == "repeated"]
+    makes = [one for one in tested if one.code in BENDS or one.kind in LATE]
     bent = {name for one in makes if one.effect for name in one.outputs or every}
     bad = [one for one in tested if one.code == "bad-samples" and one.matters]
     bent -= {name for one in bad for name in one.outputs}
