@@ -44,7 +44,7 @@ HEADLINE = "an input was recorded slower than the outputs"
 BETWEEN = "an input moves between the samples"
 
 FEWEST_EDGES, MOST_EDGES = 4, 400
-"""Moves between the samples: of fewer one delay tells as much, and each is a column to be fitted."""
+"""Moves between the samples: of fewer one delay tells as much; each is a column to be fitted."""
 
 ROUNDS = 8
 """Fits and times in turn."""
@@ -151,7 +151,7 @@ def _earlier_each(present: Present, every: int, jumps: Indices) -> Rival | None:
         end = quickly_fitted(_moved(present, jumps, early), end.point.poles)
     if end is None or float(np.std(early)) < SPREAD * every:
         return None
-    dt = present.step
+    dt, nearer = present.step, every == 1 and _lines_are_nearer(present)
     by = f"by {early.mean() * dt:.2g} s on the mean"
     if every == 1:
         names = " and ".join(present.records[0].input_names)
@@ -160,7 +160,7 @@ def _earlier_each(present: Present, every: int, jumps: Indices) -> Rival | None:
             f"that was recorded, {by}: when it moved is known to {dt:.3g} s only)"
         )
         record = "Record the inputs faster, or when they moved (a trigger, a counter)"
-        if _lines_are_nearer(present):
+        if nearer:
             record = (
                 "State intersample='foh' (--intersample foh), which is right on the mean of the "
                 f"moves. {record}"
@@ -183,6 +183,7 @@ def _earlier_each(present: Present, every: int, jumps: Indices) -> Rival | None:
         exact=True,
         headline=BETWEEN if every == 1 else HEADLINE,
         kind="between" if every == 1 else "repeated",
+        spoils=nearer,
     )
 
 
