@@ -88,7 +88,15 @@ def with_input_level(rng):
     return u, y
 
 
+def with_a_plug_turned_round(rng):
+    u = commanded(rng)
+    y = noisy(rng, response(np.repeat(u, FINE)))
+    y[330:] *= -1.0
+    return u, y
+
+
 CASES = {
+    "sign": (with_a_plug_turned_round, "channel-changes", "y that changes its scale, to -1"),
     "delay grows": (with_delay_that_grows, "varying", "delay that varies"),
     "each move late": (with_each_move_late, "varying", "delay is not the same throughout"),
     "rate limit": (with_rate_limit, "saturation", "no faster than at 2"),

@@ -106,7 +106,8 @@ def judged(
     tested, seen = (_beside_hanging(one, hung, step) for one in (tested, seen))
     if any(one.code == "wraps-round" for one in hung):
         tested = []  # whatever else it looks like is looked at when it is undone
-    if any(one.kind == "missing-code" or one.code == "wraps-round" for one in hung):
+    undone = any(one.kind == "missing-code" or one.code == "wraps-round" for one in hung)
+    if undone or any(one.kind == "scale" and one.matters for one in tested):
         found = [one for one in found if one.code != "no-response"]  # it was not looked at yet
     seen = _beside_causes([*seen, *with_stuck_tried(hung, estimate, records, known)], tested)
     if all(not np.any(np.ptp(record.u, axis=0)) for record in records):
