@@ -7,6 +7,9 @@ import pytest
 from scipy.signal import cont2discrete, lfilter
 
 from tridentify import Record, Structure, identify
+from tridentify.estimation.likelihood.nuisance import Nuisances
+from tridentify.judgement.causes.breaks import break_rivals
+from tridentify.judgement.causes.present import Present
 
 FINE = 10
 DT, A1, A0 = 0.1, 1.4, 4.0
@@ -88,6 +91,13 @@ def with_input_level(rng):
     return u, y
 
 
+def with_a_plug_turned_round(rng):
+    u = commanded(rng)
+    y = noisy(rng, response(np.repeat(u, FINE)))
+    y[330:] *= -1.0
+    return u, y
+
+
 CASES = {
     "delay grows": (with_delay_that_grows, "varying", "delay that varies"),
     "each move late": (with_each_move_late, "varying", "delay is not the same throughout"),
@@ -111,6 +121,18 @@ def test_what_the_recording_did_is_named_first(kind):
     if kind == "output level":
         (size,) = re.findall(r"by ([\d.]+), at", found.message)
         assert float(size) == pytest.approx(0.8, abs=0.02)
+
+
+@pytest.mark.slow
+def test_a_sign_that_changes_is_found_from_a_model_that_shows_nothing():
+    u, y = with_a_plug_turned_round(np.random.default_rng(11))
+    record = Record(u, y, dt=DT)
+    rest, poles = Nuisances("free", offset=False, drift=False), np.array([-0.1 + 0.1j, -0.1 - 0.1j])
+    present = Present.of([record], Structure(2, 0), np.zeros((1, 1)), rest, (np.zeros(0),), poles)
+    found = break_rivals(present, [np.zeros((u.size, 1))])
+    (scaled,) = (one for one in found if one.kind == "scale" and "channel y" in one.what)
+    assert "to -0.99" in scaled.what or "to -1" in scaled.what
+    assert scaled.times[0] == pytest.approx(33.0, abs=0.3)
 
 
 def test_a_level_that_changes_is_named_first():

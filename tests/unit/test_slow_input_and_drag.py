@@ -47,6 +47,42 @@ def test_when_each_move_acted_is_read_off_the_output():
     assert np.mean(left**2) < 0.1 * np.mean((record.u[:, 0] - u) ** 2)
 
 
+def thrown(seed, apart, n=600):
+    """A switch thrown at any time, or (``apart`` whole samples) with the recorder."""
+    rng = np.random.default_rng(seed)
+    moves = np.cumsum(rng.integers(12 * FINE // apart, 50 * FINE // apart, n)) * apart
+    level = np.searchsorted(moves[moves < n * FINE], np.arange(n * FINE), side="right")
+    u = rng.choice([-1.0, 1.0], n)[level]
+    y = by_modes(NUM, DEN, u, DT / FINE)[::FINE]
+    rng = np.random.default_rng(seed + 100)
+    return Record(u[::FINE], noisy(rng, y), dt=DT, intersample="auto"), u, moves
+
+
+@pytest.mark.parametrize(("apart", "named"), [(1, 1), (FINE, 0)])
+def test_when_a_switch_was_thrown_between_the_samples_is_read_off_the_output(apart, named):
+    record, u, _ = thrown(3, apart)
+    record = record.between("foh")
+    rest, poles = Nuisances("free", offset=False, drift=False), np.roots(DEN)
+    present = Present.of([record], Structure(2, 1), np.zeros((1, 1)), rest, (np.zeros(0),), poles)
+    found = list(slow_input_rivals(present))
+    assert len(found) == named
+    for rival in found:
+        acted = u.reshape(-1, FINE).mean(axis=1)
+        left = rival.parts[0].records[0].u[:, 0] - acted
+        assert np.mean(left**2) < 0.2 * np.mean((record.u[:, 0] - acted) ** 2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(1, 7))
+def test_a_switch_that_is_thrown_between_the_samples_is_named_and_no_lost_rows(seed):
+    found = [one for one in identify(thrown(seed, 1)[0], Structure(2, 1)).findings]
+    assert not any(one.severity == "error" for one in found)
+    between = [one for one in found if one.kind == "between"]
+    assert [one for one in found if one.matters] == [one for one in between if one.matters]
+    aligned = identify(thrown(seed, FINE)[0], Structure(2, 1)).findings
+    assert not any(one.matters or one.kind == "between" for one in aligned)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(1, 5))
 def test_a_held_input_that_was_recorded_every_fourth_sample_is_named(seed):

@@ -38,6 +38,12 @@ SAME = 0.05
 MOST_OF_IT = 0.6
 """Share of the sum of squares that a step leaves where it is worth a closer look."""
 
+SILENT = 0.5
+"""Share of the sum of squares that a model leaves which follows neither part of a record."""
+
+STARTS = 6
+"""Frequencies from which the parts are then searched."""
+
 DEGREES = 180.0 / np.pi
 
 
@@ -53,7 +59,7 @@ def break_rivals(present: Present, fitted: Sequence[Array]) -> Iterator[Rival]:
     if len(present.records) > 1 or present.records[0].n_samples < 2 * LONG_ENOUGH:
         return
     (record,) = present.records
-    outputs = [fitted[0], *_of_parts(present)]
+    outputs = [(fitted[0], present.poles), *_of_parts(present, fitted[0])]
     channels = [(True, i) for i in range(record.n_outputs)]
     channels += [(False, j) for j in range(record.n_inputs)]
     for is_output, k in channels:
@@ -63,36 +69,63 @@ def break_rivals(present: Present, fitted: Sequence[Array]) -> Iterator[Rival]:
                 yield found
 
 
-def _of_parts(present: Present) -> list[Array]:
-    """Outputs over the whole record of models of its first and of its second half."""
+def _of_parts(present: Present, fitted: Array) -> list[tuple[Array, Complex]]:
+    """Outputs over the whole record, and poles, of models of its first and of its second half."""
     (record,) = present.records
-    middle, found = record.n_samples // 2, []
+    middle, found = record.n_samples // 2, list[tuple[Array, Complex]]()
+    searched = _spread(present, fitted)
+    starts = [present.poles, *searched]
     for part in (slice(None, middle), slice(middle, None)):
         y = np.array(record.y)
         y[part] = np.nan
-        end = _ended(replace(present, records=(record._derive(y=y),), noise=()), present)
-        found += [] if end is None else [end.point.outputs()[0]]
+        half = replace(present, records=(record._derive(y=y),), noise=())
+        end = _ended(half, present, starts)
+        if end is not None:
+            found.append((end.point.outputs()[0], end.point.poles if searched else present.poles))
     return found
 
 
-def _ended(part: Present, present: Present) -> Attempt | None:
+def _spread(present: Present, fitted: Array) -> list[Complex]:
+    """Poles over all that a half can show, where the whole record seems to show none.
+
+    A sign that changes near the middle leaves a model that follows neither part.
+    """
+    (record,) = present.records
+    left = np.nansum((record.y - fitted) ** 2, axis=0)
+    whole = np.nansum((record.y - np.nanmean(record.y, axis=0)) ** 2, axis=0)
+    order = present.order
+    if np.any(left < SILENT * whole) or not isinstance(order, int):
+        return []
+    pair = np.exp(1j * np.pi * np.array([0.75, 1.25]))  # damped by 0.7
+    shape = np.concatenate([np.full(order % 2, -1.0 + 0.0j), *[pair] * (order // 2)])
+    shape = shape * 1.3 ** (np.arange(order) // 2)
+    slowest, fastest = 4.0 * np.pi / record.duration, 0.25 * np.pi / present.step
+    return [w * shape for w in np.geomspace(slowest, fastest, STARTS)]
+
+
+def _ended(
+    part: Present, present: Present, starts: Sequence[Complex] | None = None
+) -> Attempt | None:
     try:
         own = replace(part, noise=()).problem()
-        return attempt(own, [present.poles], present.orders, steps=FEW_STEPS, rounds=0)
+        starts = starts or [present.poles]
+        return attempt(own, starts, present.orders, steps=FEW_STEPS, rounds=0)
     except TridentifyError:
         return None
 
 
 def _broken(
-    present: Present, outputs: Sequence[Array], is_output: bool, k: int, scaled: bool
+    present: Present,
+    outputs: Sequence[tuple[Array, Complex]],
+    is_output: bool,
+    k: int,
+    scaled: bool,
 ) -> Rival | None:
     """One channel with another scale, or another level, from the instant that leaves least."""
     (record,) = present.records
     i = k if is_output else 0
-    first = min(
-        (_instant(record.y[:, i], f[:, i], scaled) for f in outputs), key=lambda found: found[0]
-    )
-    _, at, size = first
+    every = [(*_instant(record.y[:, i], f[:, i], scaled), own) for f, own in outputs]
+    _, at, size, poles = min(every, key=lambda found: found[0])
     if not _is_change(size, scaled):
         return None
     if is_output or not scaled:
@@ -102,7 +135,6 @@ def _broken(
     if not is_output and not scaled:
         return _input_level(present, k, at)
     plain = replace(present, noise=())
-    poles = present.poles
     for _ in range(ROUNDS):
         made = [_mended(plain, m, size, is_output, k, scaled) for m in ats]
         best = min(range(len(ats)), key=lambda m: promise(made[m], poles)) if len(ats) > 1 else 0
@@ -198,6 +230,7 @@ def _rival(
         return _told(part, present, at, name, f"level, by {size:.4g}", poles)
     factor = size if is_output else 1.0 / size
     found = _told(part, present, at, name, f"scale, to {factor:.4g} times what it was", poles)
+    found = replace(found, kind="scale")
     for unit, whole in ((DEGREES, "radians to degrees"), (1.0 / DEGREES, "degrees to radians")):
         if abs(factor / unit - 1.0) < SAME:
             found = replace(found, what=f"{found.what} (as from {whole})")

@@ -50,6 +50,10 @@ WORSE = 0.2
 """Fall of the simulated fit [percent points] from which an explanation is none that anyone would
 use, whatever its likelihood on whitened samples."""
 
+WORSE_BETWEEN = 0.02
+"""The same of times at which an input moved between the samples, as a share of what is not
+followed: they explain what is sharp, and what is slow then ends up a little elsewhere by chance."""
+
 BENT = ("nonlinear", "varying")
 """Causes that follow what is slow as well."""
 
@@ -205,7 +209,9 @@ class Explanations:
         """Whether the simulated output of some channel is farther from the recorded one."""
         if len(one.attempts) > 1:
             return False
-        return bool(np.any(one.fits(self.present) < self.present.fits - WORSE))
+        now = self.present.fits
+        share = WORSE_BETWEEN if one.rival.kind == "between" else 0.0
+        return bool(np.any(one.fits(self.present) < now - np.maximum(WORSE, share * (100.0 - now))))
 
     def _is_a_bend(self, one: Explanation) -> bool:
         """Whether pulses have sizes of their own where a function of the input explains as much."""

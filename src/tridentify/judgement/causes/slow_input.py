@@ -19,12 +19,14 @@ import numpy as np
 
 from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
 from tridentify.judgement.causes.attempt import Attempt
+from tridentify.judgement.causes.intersample import CLEARLY, seems_held
 from tridentify.judgement.causes.present import Present
 from tridentify.judgement.causes.rivals import LONG_ENOUGH, Rival, one
-from tridentify.judgement.causes.timing import quickly_fitted
+from tridentify.judgement.causes.timing import SAMPLES_AN_EDGE, quickly_fitted
 from tridentify.models.simulate import simulate_each
 from tridentify.numerics.arrays import Array, Indices
 from tridentify.numerics.autoregression import whiten
+from tridentify.record.record import Record
 
 SLOWEST = 10
 """Samples a value is repeated for, at most: of less the outputs tell little more than the input."""
@@ -39,6 +41,10 @@ SPREAD = 0.15
 """Standard deviation of how much earlier the moves acted, over ``k``: 0.29 where evenly spread."""
 
 HEADLINE = "an input was recorded slower than the outputs"
+BETWEEN = "an input moves between the samples"
+
+FEWEST_EDGES, MOST_EDGES = 4, 400
+"""Moves between the samples: of fewer one delay tells as much; each is a column to be fitted."""
 
 ROUNDS = 8
 """Fits and times in turn."""
@@ -58,15 +64,23 @@ def slow_input_rivals(present: Present) -> Iterator[Rival]:
         return
     (record,) = present.records
     jumps = np.flatnonzero(np.any(np.diff(record.u, axis=0) != 0.0, axis=1)) + 1
-    every = repeats(jumps)
-    if not 2 <= every <= SLOWEST or record.n_samples < 2 * LONG_ENOUGH:
+    every = repeats(jumps) or 1
+    if every > SLOWEST or record.n_samples < 2 * LONG_ENOUGH:
         return
-    if jumps.size > NEARLY_ALL * record.n_samples / every:
+    if every == 1 and not _is_thrown(record, jumps):
+        return
+    if every > 1 and jumps.size > NEARLY_ALL * record.n_samples / every:
         yield from _joined(present, every, int(jumps[0]) % every)
     elif isinstance(present.order, int) and present.order == present.poles.size:
         found = _earlier_each(present, every, jumps)
         if found is not None:
             yield found
+
+
+def _is_thrown(record: Record, jumps: Indices) -> bool:
+    """Whether an input moves from level to level, seldom enough to tell when each move acted."""
+    few = FEWEST_EDGES <= jumps.size <= min(record.n_samples / SAMPLES_AN_EDGE, MOST_EDGES)
+    return few and seems_held([record])
 
 
 def repeats(jumps: Indices) -> int:
@@ -125,7 +139,7 @@ def _joined(present: Present, every: int, first: int) -> Iterator[Rival]:
 
 
 def _earlier_each(present: Present, every: int, jumps: Indices) -> Rival | None:
-    early = np.full(jumps.size, 0.5 * (every - 1))
+    early = np.full(jumps.size, 0.5 * max(every - 1, 1))
     end = quickly_fitted(_moved(present, jumps, early), present.poles)
     for _ in range(ROUNDS):
         if end is None:
@@ -137,15 +151,29 @@ def _earlier_each(present: Present, every: int, jumps: Indices) -> Rival | None:
         end = quickly_fitted(_moved(present, jumps, early), end.point.poles)
     if end is None or float(np.std(early)) < SPREAD * every:
         return None
-    dt = present.step
-    what = (
-        f"{_said(present, every)}, so that each move acted up to {every} samples before it was "
-        f"recorded (by {early.mean() * dt:.2g} s on the mean): when it moved is known to "
-        f"{every * dt:.3g} s only"
-    )
+    dt, nearer = present.step, every == 1 and _lines_are_nearer(present)
+    by = f"by {early.mean() * dt:.2g} s on the mean"
+    if every == 1:
+        names = " and ".join(present.records[0].input_names)
+        what = (
+            f"an input that moves between the samples ({names}; each time up to a sample before "
+            f"that was recorded, {by}: when it moved is known to {dt:.3g} s only)"
+        )
+        record = "Record the inputs faster, or when they moved (a trigger, a counter)"
+        if nearer:
+            record = (
+                "State intersample='foh' (--intersample foh), which is right on the mean of the "
+                f"moves. {record}"
+            )
+    else:
+        what = (
+            f"{_said(present, every)}, so that each move acted up to {every} samples before it was "
+            f"recorded ({by}): when it moved is known to {every * dt:.3g} s only"
+        )
+        record = "Record the inputs as often as the outputs, or when they moved"
     advice = (
-        "Record the inputs as often as the outputs, or when they moved; no delay and no other "
-        "clock stands for it, and the standard errors do not allow for it."
+        f"{record}; no delay and no other clock stands for it, and the standard errors do not "
+        "allow for it."
     )
     found = one("intersample", _moved(present, jumps, early), what, advice, refits=False)
     return replace(
@@ -153,9 +181,20 @@ def _earlier_each(present: Present, every: int, jumps: Indices) -> Rival | None:
         starts=((end.point.poles,),),
         price=2.0 * jumps.size,
         exact=True,
-        headline=HEADLINE,
-        kind="repeated",
+        headline=BETWEEN if every == 1 else HEADLINE,
+        kind="between" if every == 1 else "repeated",
+        spoils=nearer,
     )
+
+
+def _lines_are_nearer(present: Present) -> bool:
+    """Whether an input that is taken as held follows better where it is joined by lines."""
+    if present.records[0].behaviour != "zoh":
+        return False
+    lines = replace(present, records=tuple(one.between("foh") for one in present.records))
+    ends = [quickly_fitted(one, present.poles) for one in (present, lines)]
+    held, joined = (np.inf if end is None else end.deviance for end in ends)
+    return bool(joined < held - CLEARLY)
 
 
 def _moved(present: Present, jumps: Indices, early: Array) -> Present:
@@ -169,7 +208,8 @@ def _moved(present: Present, jumps: Indices, early: Array) -> Present:
         values = np.append(u[0], u[jumps])
         area = np.concatenate([[0.0], np.cumsum(values * np.diff(ends))])
         columns.append(np.diff(np.interp(np.arange(n + 1), ends, area)))
-    return replace(present, records=(record._derive(u=np.stack(columns, axis=1)),))
+    moved = record._derive(u=np.stack(columns, axis=1)).between("zoh")
+    return replace(present, records=(moved,))
 
 
 def _sooner(end: Attempt, part: Present, jumps: Indices, at: Array, every: int) -> Array | None:
@@ -181,7 +221,7 @@ def _sooner(end: Attempt, part: Present, jumps: Indices, at: Array, every: int) 
     problem = end.point.problem
     (record,) = part.records
     n = record.n_samples
-    begins = np.clip(np.rint(at).astype(int) - 1, 0, n - 1)
+    begins = np.clip(np.ceil(at).astype(int) - 1, 0, n - 1)  # the sample in which it moved
     normal, seen_from = np.eye(jumps.size) / (MODEST * every) ** 2, np.zeros(jumps.size)
     pulses = _pulses(end, part)
     for i in range(problem.n_outputs):

@@ -111,7 +111,8 @@ def judged(
     tested, seen = (_beside_hanging(one, hung, step) for one in (tested, seen))
     if any(one.code == "wraps-round" for one in hung):
         tested = []  # whatever else it looks like is looked at when it is undone
-    if any(one.kind == "missing-code" or one.code == "wraps-round" for one in hung):
+    undone = any(one.kind == "missing-code" or one.code == "wraps-round" for one in hung)
+    if undone or any(one.kind == "scale" and one.matters for one in tested):
         found = [one for one in found if one.code != "no-response"]  # it was not looked at yet
     seen = _beside_causes([*seen, *with_stuck_tried(hung, estimate, records, known)], tested)
     if all(not np.any(np.ptp(record.u, axis=0)) for record in records):
@@ -157,6 +158,10 @@ BENDS = ("saturation", "nonlinear", "varying", "disagreeing-experiments")
 """Causes that leave single samples far from a model that was fitted across them."""
 
 
+LATE = ("repeated", "between")
+"""The same of an input whose moves were recorded late."""
+
+
 def _beside_causes(seen: Sequence[Finding], tested: Sequence[Finding]) -> list[Finding]:
     """Without far samples that a cause makes.
 
@@ -165,7 +170,7 @@ def _beside_causes(seen: Sequence[Finding], tested: Sequence[Finding]) -> list[F
     robust loss would only keep what the cause bends.
     """
     every = {name for one in seen for name in one.outputs}
-    makes = [one for one in tested if one.code in BENDS or one.kind == "repeated"]
+    makes = [one for one in tested if one.code in BENDS or one.kind in LATE]
     bent = {name for one in makes if one.effect for name in one.outputs or every}
     bad = [one for one in tested if one.code == "bad-samples" and one.matters]
     bent -= {name for one in bad for name in one.outputs}

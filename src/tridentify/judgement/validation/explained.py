@@ -268,8 +268,8 @@ def finding_of(
     )
     message += _not_told_from(found, explained)
     severity: Severity = "error" if _spoils(rival) else "warning"
-    if rival.kind == "floor" and not _moves(found, explained, estimate):
-        # smooth inputs seldom carry so much that a coefficient feels it
+    if rival.kind in ("floor", "between") and not _moves(found, explained, estimate):
+        # a coefficient seldom feels what a smooth input carries, or half a sample to either side
         severity = "note"
     advice = for_left_open(rival.advice, estimate)
     remedy, effect = advice, _effect(found, explained, estimate)
