@@ -165,7 +165,7 @@ class Fit:
         return np.column_stack([both[0], self._late(both[1])])
 
     def _late(self, signal: Array) -> Array:
-        late = int(round(self.loops[0].late[0])) if self.loops[0].late else 0
+        late = round(self.loops[0].late[0]) if self.loops[0].late else 0
         return np.concatenate([np.zeros(late), signal[: len(signal) - late]])
 
     @cached_property
@@ -241,12 +241,14 @@ class Fit:
     @cached_property
     def slopes(self) -> Array:
         """(n, n_unknowns) minus the derivatives of the errors."""
-        tables = [self.rows.white(self.rows.of(self._derivatives(k))) for k in range(len(self.loops))]
+        tables = [
+            self.rows.white(self.rows.of(self.derivatives(k))) for k in range(len(self.loops))
+        ]
         whole = np.vstack(tables)
         return np.asarray(whole - self._nuisance @ (self._nuisance.T @ whole))
 
-    def _derivatives(self, k: int) -> Array:
-        """(n_samples, n_unknowns, 2) of input and output by plant, ``x`` and ``D``."""
+    def derivatives(self, k: int) -> Array:
+        """(n_samples, n_unknowns, 2) of what is driven, by plant, ``x`` and ``D``."""
         a, b = self.factors.numerators
         x, q = self.factors.x, self.factors.poles.size
         by_plant = [

@@ -1,7 +1,8 @@
 """Which coprime factors a record of a loop shows, and whether it shows any.
 
 The number of the controller's poles is not known. Beginning with none, one after the other is
-added as long as the errors fall by more than its price (BIC). The poles of the loop begin where the
+added as long as the errors fall by more than its price (AIC; a pole too few is a bias, one too many
+costs little). The poles of the loop begin where the
 Laguerre description, whose controllability Gramian is the unit matrix, has them when it is cut off
 at the largest eigenvalues of its observability Gramian (Moore 1981), or where the fit with one pole
 less has ended, with a fast pole and a zero upon it.
@@ -78,12 +79,16 @@ def coprime_root(
     if not applies(loops, plants):
         return None
     loops = tuple(loops)
+    longest = max(loops, key=lambda loop: loop.record.n_samples)
+    described = [_fitted(longest), driven(longest.record, between=True)]
     best: Fit | None = None
     for plant in plants:
         rows = Rows.plain(loops[0], plant, slowest(loops))
         try:
-            rows = weighed(rows, [rows.of(one[:, None])[:, 0] for one in _left(loops)], choose_noise)
-            fit = _of_order(loops, plant, rows)
+            rows = weighed(
+                rows, [rows.of(one[:, None])[:, 0] for one in _left(loops)], choose_noise
+            )
+            fit = _of_order(loops, plant, rows, described)
             fit = None if fit is None else _settled(fit, choose_noise)
         except (np.linalg.LinAlgError, ValueError):  # a plant or a loop beyond all bounds
             continue
@@ -102,20 +107,30 @@ def coprime_root(
 def applies(loops: Sequence[Loop], plants: Sequence[Plant]) -> bool:
     """Whether there is one input, strictly delayed, and nothing is missing."""
     late = [one for loop in loops for one in loop.late]
-    return bool(plants) and all(
-        loop.record.n_inputs == 1
-        and isinstance(loop.driven, Driven)
-        and bool(np.isfinite(loop.record.y).all())
-        for loop in loops
-    ) and all(one == round(one) for one in late) and plants[0].b[0].size <= plants[0].a.size
+    return (
+        bool(plants)
+        and all(
+            loop.record.n_inputs == 1
+            and isinstance(loop.driven, Driven)
+            and bool(np.isfinite(loop.record.y).all())
+            for loop in loops
+        )
+        and all(one == round(one) for one in late)
+        and plants[0].b[0].size <= plants[0].a.size
+    )
+
+
+def _fitted(loop: Loop) -> Driven:
+    part = loop.fitted
+    assert isinstance(part, Driven)
+    return part
 
 
 def _left(loops: Sequence[Loop]) -> list[Array]:
     """(n_samples, 2) what the Laguerre descriptions leave."""
     found = []
     for loop in loops:
-        part = loop.fitted
-        assert isinstance(part, Driven)
+        part = _fitted(loop)
         own = np.column_stack([loop.record.u[:, 0], loop.record.y[:, 0]])
         found.append(own - part.columns @ part.weights)
     return found
@@ -126,11 +141,15 @@ def _counts(fit: Fit) -> list[int]:
     return [loop.record.n_samples - lags for loop in fit.loops]
 
 
-def _of_order(loops: tuple[Loop, ...], plant: Plant, rows: Rows) -> Fit | None:
+def _of_order(
+    loops: tuple[Loop, ...], plant: Plant, rows: Rows, described: Sequence[Driven]
+) -> Fit | None:
+    """The order of the controller, and the factors, as rows weigh them."""
     best: Fit | None = None
     last: Fit | None = None
     for more in range(MOST_POLES + 1):
-        begun = _begun(loops, plant, rows, more)
+        poles = [_reduced(one, plant.a.size + more) for one in described]
+        begun = _begun(loops, plant, rows, [one for one in poles if one is not None])
         if last is not None:
             begun += _with_another(last)
         ends = [one.descended() for one in begun if one.factors.is_seen(loops)]
@@ -152,21 +171,20 @@ def _runs_off(fit: Fit) -> bool:
 
 
 def _price(fit: Fit) -> float:
-    """BIC, of errors of unit variance."""
+    """AIC, of errors of unit variance."""
     unknowns = fit.factors.x.size + fit.factors.poles.size
-    return fit.cost + unknowns * float(np.log(sum(_counts(fit))))
+    return fit.cost + 2.0 * unknowns
 
 
-def _begun(loops: tuple[Loop, ...], plant: Plant, rows: Rows, more: int) -> list[Fit]:
-    """From the poles of descriptions of the longest record, of fast and of slow operators."""
-    longest = max(loops, key=lambda loop: loop.record.n_samples)
-    part = longest.fitted
-    assert isinstance(part, Driven)
+def _begun(
+    loops: tuple[Loop, ...], plant: Plant, rows: Rows, poles: Sequence[Complex]
+) -> list[Fit]:
+    """From poles of the loop."""
     found = []
-    for one in (part, driven(longest.record, between=True)):
-        poles = _reduced(one, plant.a.size + more)
-        x = np.zeros((part.record.n_references, more + 1))
-        if poles is not None and (factors := Factors(plant, x, poles)).is_seen(loops):
+    for one in poles:
+        x = np.zeros((loops[0].record.n_references, one.size - plant.a.size + 1))
+        factors = Factors(plant, x, one)
+        if factors.is_seen(loops):
             found.append(_with_best_x(Fit(loops, factors, rows)))
     return found
 
@@ -215,8 +233,8 @@ def _is_as_good(fit: Fit) -> bool:
     free = fit.rows.white
     whole = np.concatenate([free(fit.rows.of(one[:, None]))[:, 0] for one in _left(fit.loops)])
     more = fit.cost - float(whole @ whole)
-    spent = sum(loop.fitted.columns.shape[1] for loop in fit.loops) * 2.0
-    return more < spent + CLEARLY * np.sqrt(2.0 * spent)
+    spent = 2.0 * sum(_fitted(loop).columns.shape[1] for loop in fit.loops)
+    return bool(more < spent + CLEARLY * np.sqrt(2.0 * spent))
 
 
 def _reduced(part: Driven, count: int) -> Complex | None:

@@ -89,10 +89,11 @@ class Rows:
     def white(self, table: Array) -> Array:
         """(2 * n, k) weighed; the first samples are past alone."""
         lags, count = len(self.weights) - 1, len(table)
-        found = np.zeros((count - lags, *table.shape[1:]))
-        for lag, own in enumerate(self.weights):
-            found += table[lags - lag : count - lag] @ own.T
-        return np.ascontiguousarray(found.transpose(0, 2, 1)).reshape(-1, table.shape[1])
+        found = np.zeros((count - lags, 2, table.shape[1]))
+        for lag, row, column in zip(*np.nonzero(self.weights), strict=True):
+            part = table[lags - lag : count - lag, :, column]
+            found[:, row] += self.weights[lag, row, column] * part
+        return found.reshape(-1, table.shape[1])
 
 
 def weighed(
