@@ -89,7 +89,7 @@ def coprime_root(
                 rows, [rows.of(one[:, None])[:, 0] for one in _left(loops)], choose_noise
             )
             fit = _of_order(loops, plant, rows, described)
-            fit = None if fit is None else _settled(fit, choose_noise)
+            fit = None if fit is None else _complete(_settled(fit, choose_noise), choose_noise)
         except (np.linalg.LinAlgError, ValueError):  # a plant or a loop beyond all bounds
             continue
         if fit is not None and (best is None or _is_better(fit, best)):
@@ -162,6 +162,17 @@ def _of_order(
         elif more > best.factors.x.shape[1]:  # two in vain
             break
     return best
+
+
+def _complete(fit: Fit, choose_noise: Choice | None) -> Fit:
+    """With more poles of the controller, where settled weights show them."""
+    while fit.factors.x.shape[1] <= MOST_POLES:
+        ends = [one.descended() for one in _with_another(fit) if one.factors.is_seen(fit.loops)]
+        ends = [one for one in ends if not _runs_off(one) and _price(one) < _price(fit)]
+        if not ends:
+            break
+        fit = _settled(min(ends, key=lambda one: one.cost), choose_noise)
+    return fit
 
 
 def _runs_off(fit: Fit) -> bool:

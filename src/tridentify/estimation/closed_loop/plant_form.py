@@ -31,7 +31,7 @@ from tridentify.numerics.arrays import Array
 
 LAGS = 4
 """Of the filter from the first row to the second."""
-SHARE = 0.1
+SHARE = 0.03
 """Of the input's noise, added to what the filter leaves of it."""
 MOST_LAGS = 30
 """Of the autocovariances."""
