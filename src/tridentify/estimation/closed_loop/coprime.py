@@ -211,7 +211,7 @@ class Fit:
         return found
 
     @cached_property
-    def _nuisance(self) -> Array:
+    def beside(self) -> Array:
         """Orthonormal columns of starts, offsets and drifts."""
         blocks = [self.rows.white(one) for one in self._starts]
         ends = np.cumsum([0, *(one.shape[1] for one in blocks)])
@@ -230,7 +230,7 @@ class Fit:
         """(n,) whitened, beside starts and offsets; the two rows of a sample side by side."""
         pairs = [self.rows.of(one[:, None, :]) for one in self.raw]
         own = np.concatenate([self.rows.white(one)[:, 0] for one in pairs])
-        return np.asarray(own - self._nuisance @ (self._nuisance.T @ own))
+        return np.asarray(own - self.beside @ (self.beside.T @ own))
 
     @cached_property
     def cost(self) -> float:
@@ -245,7 +245,7 @@ class Fit:
             self.rows.white(self.rows.of(self.derivatives(k))) for k in range(len(self.loops))
         ]
         whole = np.vstack(tables)
-        return np.asarray(whole - self._nuisance @ (self._nuisance.T @ whole))
+        return np.asarray(whole - self.beside @ (self.beside.T @ whole))
 
     def derivatives(self, k: int) -> Array:
         """(n_samples, n_unknowns, 2) of what is driven, by plant, ``x`` and ``D``."""

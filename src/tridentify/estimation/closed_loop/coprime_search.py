@@ -7,8 +7,9 @@ Laguerre description, whose controllability Gramian is the unit matrix, has them
 at the largest eigenvalues of its observability Gramian (Moore 1981), or where the fit with one pole
 less has ended, with a fast pole and a zero upon it.
 
-A controller that is not linear, or works on samples, leaves errors that the Laguerre description
-does not: then there are no such factors, and `coprime_root` finds nothing.
+Where a controller rests at its limits, or operators on the references explain more of the errors
+than chance does, there are no such factors, and `coprime_root` finds nothing. A controller that
+works on samples is not seen by this.
 
 Reference: B. Moore, IEEE Transactions on Automatic Control 26 (1981) 17-32.
 """
@@ -23,7 +24,7 @@ from scipy.linalg import solve_continuous_lyapunov
 
 from tridentify.estimation.closed_loop.between_samples import Loop
 from tridentify.estimation.closed_loop.coprime import FASTEST, SLOWEST, Factors, Fit
-from tridentify.estimation.closed_loop.driven import Driven, driven
+from tridentify.estimation.closed_loop.driven import Driven, driven, widest
 from tridentify.estimation.closed_loop.linear_errors import slowest
 from tridentify.estimation.closed_loop.plant_form import Rows, covariance, weighed
 from tridentify.estimation.closed_loop.predictor import Plant
@@ -37,7 +38,11 @@ ROUNDS = 4
 SETTLED = 0.02
 """Standard errors that a round still moves the plant by."""
 CLEARLY = 4.0
-"""Standard deviations of what is left more than the Laguerre description leaves by chance."""
+"""Standard deviations of what operators on the references explain of the errors by chance."""
+TOLD_APART = 1e-3
+"""Part of such an operator, of unit length, that the factors do not make."""
+AT_LIMITS = 0.005
+"""Share of the samples at a limit of the input, from which the controller is not linear."""
 
 Choice = Callable[[Sequence[Array]], Array]
 
@@ -94,7 +99,7 @@ def coprime_root(
             continue
         if fit is not None and (best is None or _is_better(fit, best)):
             best = fit
-    if best is None or not _is_as_good(best):
+    if best is None or not _is_as_good(best, described):
         return None
     cov = covariance(best.slopes, best.errors, _counts(best))
     free = best.factors.plant.free
@@ -113,6 +118,7 @@ def applies(loops: Sequence[Loop], plants: Sequence[Plant]) -> bool:
             loop.record.n_inputs == 1
             and isinstance(loop.driven, Driven)
             and bool(np.isfinite(loop.record.y).all())
+            and not _is_at_limits(loop)
             for loop in loops
         )
         and all(one == round(one) for one in late)
@@ -239,13 +245,30 @@ def _is_better(one: Fit, other: Fit) -> bool:
     return replace(other, factors=one.factors).cost < other.cost
 
 
-def _is_as_good(fit: Fit) -> bool:
-    """Whether the Laguerre description leaves no less than chance has it."""
-    free = fit.rows.white
-    whole = np.concatenate([free(fit.rows.of(one[:, None]))[:, 0] for one in _left(fit.loops)])
-    more = fit.cost - float(whole @ whole)
-    spent = 2.0 * sum(_fitted(loop).columns.shape[1] for loop in fit.loops)
-    return bool(more < spent + CLEARLY * np.sqrt(2.0 * spent))
+def _is_as_good(fit: Fit, described: Sequence[Driven]) -> bool:
+    """Whether operators on the references explain no more of the errors than chance does."""
+    blocks = []
+    for loop in fit.loops:
+        own = widest(loop.record, described[-1].rate, _fitted(loop).before).columns[:, 1:]
+        table = np.zeros((len(own), 2 * own.shape[1], 2))
+        table[:, : own.shape[1], 0] = table[:, own.shape[1] :, 1] = own
+        blocks.append(fit.rows.white(fit.rows.of(table)))
+    taken = np.hstack([fit.beside, fit.slopes / (np.linalg.norm(fit.slopes, axis=0) + 1e-300)])
+    known = np.linalg.qr(taken)[0]
+    more = np.vstack(blocks)
+    size = np.linalg.norm(more, axis=0) + 1e-300
+    more = more / size - known @ (known.T @ (more / size))
+    basis, values, _ = np.linalg.svd(more, full_matrices=False)
+    basis = basis[:, values > TOLD_APART]
+    expected = float(np.trace(covariance(basis, fit.errors, _counts(fit))))
+    explained = float(np.sum((basis.T @ fit.errors) ** 2))
+    return explained < expected * (1.0 + CLEARLY * np.sqrt(2.0 / max(basis.shape[1], 1)))
+
+
+def _is_at_limits(loop: Loop) -> bool:
+    """Whether the controller rests at the largest or the smallest value of the input."""
+    u = loop.record.u[:, 0]
+    return bool(max(np.mean(u == u.max()), np.mean(u == u.min())) > AT_LIMITS)
 
 
 def _reduced(part: Driven, count: int) -> Complex | None:
