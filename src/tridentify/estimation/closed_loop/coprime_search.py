@@ -2,10 +2,10 @@
 
 The number of the controller's poles is not known. Beginning with none, one after the other is
 added as long as the errors fall by more than its price (AIC; a pole too few is a bias, one too many
-costs little). The poles of the loop begin where the
-Laguerre description, whose controllability Gramian is the unit matrix, has them when it is cut off
-at the largest eigenvalues of its observability Gramian (Moore 1981), or where the fit with one pole
-less has ended, with a fast pole and a zero upon it.
+costs little). The poles of the loop begin where the Laguerre description, whose controllability
+Gramian is the unit matrix, has them when it is cut off at the largest eigenvalues of its
+observability Gramian (Moore 1981), or where the fit with one pole less has ended, with another pole
+and a zero upon it.
 
 Where a controller rests at its limits, or operators on the references explain more of the errors
 than chance does, there are no such factors, and `coprime_root` finds nothing. A controller that
@@ -262,7 +262,8 @@ def _is_as_good(fit: Fit, described: Sequence[Driven]) -> bool:
     basis = basis[:, values > TOLD_APART]
     expected = float(np.trace(covariance(basis, fit.errors, _counts(fit))))
     explained = float(np.sum((basis.T @ fit.errors) ** 2))
-    return explained < expected * (1.0 + CLEARLY * np.sqrt(2.0 / max(basis.shape[1], 1)))
+    most = 1.0 + CLEARLY * float(np.sqrt(2.0 / max(basis.shape[1], 1)))
+    return explained < most * expected
 
 
 def _is_at_limits(loop: Loop) -> bool:
