@@ -44,7 +44,8 @@ SLOWEST = 0.3
 """Decay of the loop within the record."""
 FASTEST = 4.0
 """Rate of the loop times sampling interval: beyond it nothing of a mode is seen."""
-LEAST_DAMPED = 0.01
+LEAST_DAMPED = 0.1
+"""Of a mode of the loop: with less it is mostly noise at one frequency."""
 TOLD_APART = 1e-7
 """Of columns with unit length, what one must add to the others."""
 

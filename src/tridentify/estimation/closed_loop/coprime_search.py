@@ -23,7 +23,7 @@ import numpy as np
 from scipy.linalg import solve_continuous_lyapunov
 
 from tridentify.estimation.closed_loop.between_samples import Loop
-from tridentify.estimation.closed_loop.coprime import FASTEST, SLOWEST, Factors, Fit
+from tridentify.estimation.closed_loop.coprime import FASTEST, LEAST_DAMPED, SLOWEST, Factors, Fit
 from tridentify.estimation.closed_loop.driven import Driven, driven, widest
 from tridentify.estimation.closed_loop.linear_errors import slowest
 from tridentify.estimation.closed_loop.plant_form import Rows, covariance, weighed
@@ -39,6 +39,9 @@ SETTLED = 0.02
 """Standard errors that a round still moves the plant by."""
 CLEARLY = 4.0
 """Standard deviations of what operators on the references explain of the errors by chance."""
+FAST = 0.1
+"""Rate of the Laguerre description times sampling interval, from which the response between the
+samples is more than these show. Noise of slower loops has a colour that takes modes of its own."""
 TOLD_APART = 1e-3
 """Part of such an operator, of unit length, that the factors do not make."""
 AT_LIMITS = 0.005
@@ -110,7 +113,7 @@ def coprime_root(
 
 
 def applies(loops: Sequence[Loop], plants: Sequence[Plant]) -> bool:
-    """Whether there is one input, strictly delayed, and nothing is missing."""
+    """Whether the loop is fast, of one input, strictly proper, linear, and nothing is missing."""
     late = [one for loop in loops for one in loop.late]
     return (
         bool(plants)
@@ -118,6 +121,7 @@ def applies(loops: Sequence[Loop], plants: Sequence[Plant]) -> bool:
             loop.record.n_inputs == 1
             and isinstance(loop.driven, Driven)
             and bool(np.isfinite(loop.record.y).all())
+            and _fitted(loop).rate * float(loop.record.dt or 0.0) > FAST
             and not _is_at_limits(loop)
             for loop in loops
         )
@@ -182,9 +186,10 @@ def _complete(fit: Fit, choose_noise: Choice | None) -> Fit:
 
 
 def _runs_off(fit: Fit) -> bool:
-    """Whether a mode went to where the samples show nothing of it."""
-    step = float(fit.loops[0].record.dt or 0.0)
-    return bool(np.abs(fit.factors.poles).max() * step > 0.9 * FASTEST)
+    """Whether a mode went to where the samples show nothing of it, or to noise at one frequency."""
+    step, poles = float(fit.loops[0].record.dt or 0.0), fit.factors.poles
+    fast = np.abs(poles).max() * step > 0.9 * FASTEST
+    return bool(fast or np.any(-poles.real < 1.2 * LEAST_DAMPED * np.abs(poles)))
 
 
 def _price(fit: Fit) -> float:
@@ -290,4 +295,4 @@ def _reduced(part: Driven, count: int) -> Complex | None:
     step = float(record.dt or 1.0)
     decay = np.clip(-poles.real, 2.0 * SLOWEST / record.duration, 0.5 * FASTEST / step)
     swing = np.clip(poles.imag, -0.5 * FASTEST / step, 0.5 * FASTEST / step)
-    return sort_poles(-np.maximum(decay, 0.1 * np.abs(swing)) + 1j * swing)
+    return sort_poles(-np.maximum(decay, 3.0 * LEAST_DAMPED * np.abs(swing)) + 1j * swing)

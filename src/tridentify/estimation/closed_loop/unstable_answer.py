@@ -128,8 +128,7 @@ def unstable_estimate(
     words: tuple[str, ...] = (f"controller taken as {IN_WORDS[kind]}", *sought.in_words)
     factors = None
     if kind == "continuous":
-        begun = [best.plant] if best is not None and best.still else plants
-        factors = _by_factors(sought, loops, begun, choose)
+        factors = _by_factors(sought, loops, plants, best, choose)
     if factors is not None:
         (loops, best), told = factors
         words = (told, *words)
@@ -159,15 +158,24 @@ def _by_factors(
     sought: Sought,
     loops: Sequence[Loop],
     plants: Sequence[Plant],
+    best: Found | None,
     choose: Callable[[Sequence[Array]], Array] | None,
 ) -> tuple[tuple[Sequence[Loop], Found], str] | None:
-    """What coprime factors say, and how it is told; None where they do not apply."""
+    """What coprime factors say, and how it is told; None where they do not apply.
+
+    They begin at the root, where there is one, and may not leave clearly more of the output.
+    """
+    if best is not None and best.still:
+        plants = [best.plant]
     factors = coprime_root(loops, plants, choose)
     if factors is None:
         return None
     described = [
         replace(loop, driven=part) for loop, part in zip(loops, factors.fit.parts(), strict=True)
     ]
+    plain = at_plant(described, factors.plant, factors.cov, None)
+    if best is not None and best.still and not plain.deviance <= best.deviance + AS_LIKELY:
+        return None
     found = at_plant(described, factors.plant, factors.cov, choose)
     if sought.structure.bounds and sought.exceeded(found):
         return None
