@@ -26,7 +26,7 @@ import numpy as np
 
 from tridentify.estimation.likelihood.thresholds import CLEARLY
 from tridentify.models.regression import Experiment, response_of
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.interpolation import between
 from tridentify.numerics.realization import cascade
 from tridentify.record.checks.rates import evaluated
@@ -59,10 +59,8 @@ class Driven:
     Attributes
     ----------
     record : Record
-    rate : float
-        Of the operators [rad/s].
-    order : int
-        Operators on each reference.
+    poles : (order,) complex array
+        Of the operators on each reference [rad/s].
     before : (n_references,) array
         What the references were before the record.
     weights : (n_columns, n_inputs + n_outputs) array
@@ -74,12 +72,21 @@ class Driven:
     """
 
     record: Record
-    rate: float
-    order: int
+    poles: Complex
     before: Array
     weights: Array
     columns: Array
     noise: Array | None = None
+
+    @property
+    def rate(self) -> float:
+        """Of the fastest operator [rad/s]."""
+        return float(np.max(np.abs(self.poles)))
+
+    @property
+    def order(self) -> int:
+        """Operators on each reference."""
+        return self.poles.size
 
     @property
     def words(self) -> str:
@@ -123,10 +130,10 @@ class Driven:
         """
         halves = 2 * pieces
         fine = refined(self.record, self.before, halves)
-        states = operators(fine, self.rate, self.order)
+        states = operators(fine, self.poles)
         after, before = _sides(self.before, fine)
-        right = _columns(after, states[:-1]) @ self.weights[:, signals]
-        left = _columns(before, states[1:]) @ self.weights[:, signals]
+        right = columns_of(after, states[:-1]) @ self.weights[:, signals]
+        left = columns_of(before, states[1:]) @ self.weights[:, signals]
         # piece k: from node 2 k over 2 k + 1 to 2 k + 2
         return np.asarray((right[0::2] + 2.0 * (left[0::2] + right[1::2]) + left[1::2]) / 6.0)
 
@@ -154,13 +161,15 @@ def driven(record: Record, *, between: bool = False) -> Driven:
         experiment = starting(record, before)
         for rate in _rates(record):
             count = min(most, shown_by_samples(rate * experiment.dt)) if between else most
-            states = operators(experiment, rate, count)
-            criterion, order = _cheapest(_columns(direct, states), signals, direct.shape[1], count)
+            states = operators(experiment, laguerre(rate, count))
+            criterion, order = _cheapest(
+                columns_of(direct, states), signals, direct.shape[1], count
+            )
             if found is None or criterion < lowest:
                 lowest = criterion
-                columns = _columns(direct, states[:, _first(order, count, direct.shape[1])])
+                columns = columns_of(direct, states[:, _first(order, count, direct.shape[1])])
                 weights = fitted(columns, signals)
-                found = Driven(record, rate, order, before, weights, columns)
+                found = Driven(record, laguerre(rate, order), before, weights, columns)
     assert found is not None
     return found
 
@@ -203,11 +212,11 @@ def widest(record: Record, rate: float, before: Array, most: int = MOST_FUNCTION
     """
     step = float(np.median(np.diff(record.t)))
     order = min(_affordable(record), shown_by_samples(rate * step), most)
-    columns = _columns(
-        np.asarray(record.reference), operators(starting(record, before), rate, order)
+    columns = columns_of(
+        np.asarray(record.reference), operators(starting(record, before), laguerre(rate, order))
     )
     weights = fitted(columns, np.column_stack([record.u, record.y]))
-    return Driven(record, rate, order, before, weights, columns)
+    return Driven(record, laguerre(rate, order), before, weights, columns)
 
 
 def described_otherwise(part: Driven) -> list[Driven]:
@@ -248,9 +257,14 @@ def near(part: Driven, most: int) -> list[Driven]:
     return sorted(found, key=lambda one: one.rate != part.rate or (one.before != part.before).any())
 
 
-def operators(experiment: Experiment, rate: float, order: int) -> Array:
-    """(n_samples, order * n_references) Laguerre functions of every reference, at the samples."""
-    bank = cascade(np.full(order, -rate, dtype=np.complex128))
+def laguerre(rate: float, order: int) -> Complex:
+    """Poles of Laguerre functions."""
+    return np.full(order, -rate, dtype=np.complex128)
+
+
+def operators(experiment: Experiment, poles: Complex) -> Array:
+    """(n_samples, order * n_references) orthonormal ones on every reference, at the samples."""
+    bank, order = cascade(poles), poles.size
     n_references = experiment.u.shape[1]
     n_signals = order * n_references + n_references
     rows = np.eye(order * n_references, n_signals)
@@ -304,7 +318,8 @@ def _sides(before: Array, fine: Experiment) -> tuple[Array, Array]:
     return after, after if fine.intersample == "zoh" else fine.u[1:] + before
 
 
-def _columns(direct: Array, states: Array) -> Array:
+def columns_of(direct: Array, states: Array) -> Array:
+    """Columns at the samples: a constant, the references, their operators."""
     return np.hstack([np.ones((len(states), 1)), direct, states])
 
 

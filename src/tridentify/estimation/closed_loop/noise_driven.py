@@ -32,6 +32,7 @@ from tridentify.estimation.closed_loop.between_samples import Loop
 from tridentify.estimation.closed_loop.driven import (
     Driven,
     fitted,
+    laguerre,
     near,
     operators,
     starting,
@@ -215,14 +216,14 @@ class _Colour:
         pulse[1] = 1.0
         quiet = np.zeros((record.n_samples, record.n_inputs))
         start = Record(quiet, np.zeros_like(record.y), dt=record.dt, reference=pulse)
-        states = operators(starting(start, np.zeros(1)), part.rate, order)
+        states = operators(starting(start, np.zeros(1)), laguerre(part.rate, order))
         columns = np.hstack([np.ones_like(pulse), pulse, states])
         # every operator by itself through one input after the other
         for j in range(record.n_inputs):
             for k in range(order + 1):
                 weights = np.zeros((order + 2, record.n_inputs + record.n_outputs))
                 weights[1 + k, j] = 1.0
-                alone = Driven(start, part.rate, order, np.zeros(1), weights, columns)
+                alone = Driven(start, laguerre(part.rate, order), np.zeros(1), weights, columns)
                 responses[:-1, :, k, j] = Loop(alone, loop.sampling).moved_between(model)[1:]
         return cls(np.fft.rfft(responses, length, axis=0), length)
 
@@ -261,4 +262,5 @@ def _of_noise(part: Driven, v: Array) -> Array | None:
     if unknown * SAMPLES_EACH > part.record.n_samples:
         return None
     start = starting(part.record, part.before)
-    return np.hstack([v, operators(replace(start, u=v, intersample="zoh"), part.rate, order)])
+    own = operators(replace(start, u=v, intersample="zoh"), laguerre(part.rate, order))
+    return np.hstack([v, own])

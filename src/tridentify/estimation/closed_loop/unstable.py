@@ -182,6 +182,31 @@ def root(
     return found
 
 
+def at_plant(
+    loops: Sequence[Loop],
+    plant: Plant,
+    cov: Array,
+    choose_noise: Callable[[Sequence[Array]], Array] | None,
+) -> Found:
+    """A plant that was found by other means, with the errors and the noise that it leaves.
+
+    Parameters
+    ----------
+    loops : sequence of Loop
+    plant : Plant
+    cov : (n, n) array
+        Of its coefficients.
+    choose_noise : callable, optional
+        As of `root`.
+    """
+    none = np.zeros(0)
+    found = _found(loops, plant, linear_errors(loops, plant, none), (0, 0.0), True, None)
+    noise = none if choose_noise is None else choose_noise(found.errors)
+    if noise.size:
+        found = _found(loops, plant, linear_errors(loops, plant, noise), (0, 0.0), True, None)
+    return replace(found, cov=cov)
+
+
 def root_in_noise(
     loops: Sequence[Loop],
     plants: Sequence[Plant],

@@ -16,6 +16,7 @@ from tridentify.estimation.answer.trace import Status, Trace
 from tridentify.estimation.closed_loop.added_up import with_added_up
 from tridentify.estimation.closed_loop.as_recorded import AsRecorded
 from tridentify.estimation.closed_loop.between_samples import IN_WORDS, Loop, Sampling
+from tridentify.estimation.closed_loop.coprime_search import coprime_root
 from tridentify.estimation.closed_loop.driven import Driven, described_otherwise, driven
 from tridentify.estimation.closed_loop.linear_errors import (
     driven_basis,
@@ -29,6 +30,7 @@ from tridentify.estimation.closed_loop.predictor import Plant, Predictor
 from tridentify.estimation.closed_loop.sought import Sought
 from tridentify.estimation.closed_loop.unstable import (
     Found,
+    at_plant,
     autoregressive,
     root,
     root_in_noise,
@@ -123,28 +125,23 @@ def unstable_estimate(
         best = _within(sought, loops, best, plants, say)
         if best is None or _only_integrates(sought, best.plant, edge):
             return None
+    words: tuple[str, ...] = (f"controller taken as {IN_WORDS[kind]}", *sought.in_words)
+    factors = None
     if kind == "continuous":
-        loops, best = _beside_what_is_left(loops, parts, best, say)
-    if choose is not None and best is not None and best.still:
-        best = root(loops, [best.plant], choose, say)
-    if choose is not None and best is not None and kind == "sampled" and _follows(loops, best):
-        best = _forecast(sought, loops, best, choose)
-    if best is not None and best.still and asked.structure.bounds:
-        best = _within_bounds(sought, loops, best, choose, say)
+        factors = _by_factors(sought, loops, plants, best, choose)
+    if factors is not None:
+        (loops, best), told = factors
+        words = (told, *words)
+    else:
+        loops, best = _by_root(sought, loops, parts, best, choose, say)
     if best is None or not best.still or not best.plant.poles.real.max() > -edge:
         return None
     # the errors of a predictor that runs off have no scale
     told_apart = np.diag(best.cov)[np.any(best.plant.free, axis=1)]
     if not best.variance > 0.0 or not np.all((told_apart > 0.0) & np.isfinite(told_apart)):
         return None
-    if kind == "continuous" and coloured:
-        best = with_added_up(loops, best)
-    grown = with_fall(loops, best)
-    if kind == "continuous":
-        spread = _spread_between(loops, best, choose, say)
-        grown = replace(grown, cov=grown.cov + spread)
-    best = grown
-    words = (f"controller taken as {IN_WORDS[kind]}", *sought.in_words)
+    if factors is None:
+        best = _grown(loops, best, choose, say)
     found = estimate_of(asked, loops, best, words)
     # its criterion is that of the mirrored predictor's errors
     mirrored = 2.0 * found.n_samples * float(np.log(best.amplification))
@@ -155,6 +152,71 @@ def unstable_estimate(
         _is_unseen(best, edge),
         best.errors,
     )
+
+
+def _by_factors(
+    sought: Sought,
+    loops: Sequence[Loop],
+    plants: Sequence[Plant],
+    best: Found | None,
+    choose: Callable[[Sequence[Array]], Array] | None,
+) -> tuple[tuple[Sequence[Loop], Found], str] | None:
+    """What coprime factors say, and how it is told; None where they do not apply.
+
+    They begin at the root, where there is one, and may not leave clearly more of the output.
+    """
+    if best is not None and best.still:
+        plants = [best.plant]
+    factors = coprime_root(loops, plants, choose)
+    if factors is None:
+        return None
+    described = [
+        replace(loop, driven=part) for loop, part in zip(loops, factors.fit.parts(), strict=True)
+    ]
+    plain = at_plant(described, factors.plant, factors.cov, None)
+    if best is not None and best.still and not plain.deviance <= best.deviance + AS_LIKELY:
+        return None
+    found = at_plant(described, factors.plant, factors.cov, choose)
+    if sought.structure.bounds and sought.exceeded(found):
+        return None
+    order = factors.fit.factors.x.shape[1] - 1
+    return (described, found), f"by coprime factors, the controller of order {order}"
+
+
+def _by_root(
+    sought: Sought,
+    loops: Sequence[Loop],
+    parts: Sequence[Driven],
+    best: Found | None,
+    choose: Callable[[Sequence[Array]], Array] | None,
+    say: Callable[[str], None],
+) -> tuple[Sequence[Loop], Found | None]:
+    """The root in its own noise, within bounds."""
+    sampled = loops[0].sampling == "sampled"
+    if not sampled:
+        loops, best = _beside_what_is_left(loops, parts, best, say)
+    if choose is not None and best is not None and best.still:
+        best = root(loops, [best.plant], choose, say)
+    if choose is not None and best is not None and sampled and _follows(loops, best):
+        best = _forecast(sought, loops, best, choose)
+    if best is not None and best.still and sought.structure.bounds:
+        best = _within_bounds(sought, loops, best, choose, say)
+    return loops, best
+
+
+def _grown(
+    loops: Sequence[Loop],
+    best: Found,
+    choose: Callable[[Sequence[Array]], Array] | None,
+    say: Callable[[str], None],
+) -> Found:
+    """A root with the covariance of all that is uncertain about it."""
+    if loops[0].sampling == "sampled":
+        return with_fall(loops, best)
+    if choose is not None:
+        best = with_added_up(loops, best)
+    grown = with_fall(loops, best)
+    return replace(grown, cov=grown.cov + _spread_between(loops, best, choose, say))
 
 
 def _beside_what_is_left(
@@ -397,7 +459,7 @@ def estimate_of(
         "fit and noise are those of the predictor's errors",
     )
     told = (
-        f"by the mirrored predictor: {found.steps} steps",
+        *([f"by the mirrored predictor: {found.steps} steps"] if found.steps else []),
         *(of_the_predictor if rates else ()),
         *words,
     )

@@ -1,0 +1,76 @@
+"""A plant by its coprime factors, from a loop that is fast against its sampling."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from oracles import binary, companion, continuous_loop
+from tridentify import Record, Structure, ThreeModel, identify
+from tridentify.estimation.closed_loop.between_samples import Loop
+from tridentify.estimation.closed_loop.coprime import Factors, Fit
+from tridentify.estimation.closed_loop.coprime_search import coprime_root
+from tridentify.estimation.closed_loop.driven import driven
+from tridentify.estimation.closed_loop.plant_form import Rows
+from tridentify.estimation.closed_loop.predictor import Plant
+from tridentify.estimation.closed_loop.unstable import autoregressive
+
+TRUTH = np.array([0.6, -9.0, 3.0])
+PLANT = ([TRUTH[2]], [1.0, *TRUTH[:2]])
+LAW = companion([1400.0, 6770.0], [1.0, 34.05, 588.8])
+"""An observer and its feedback: poles of the loop at 5 and 12 rad/s, turned by 45 degrees."""
+DT = 0.057
+"""Times the fastest pole of the loop: one."""
+
+
+def loop(seed: int, count: int, noise: float) -> Record:
+    rng = np.random.default_rng(seed)
+    r = binary(count, 10, seed)
+    e = noise * rng.standard_normal(count)
+    u, y = continuous_loop(PLANT, LAW, np.zeros(count), e, DT, dither=r)
+    return Record(u, y, dt=DT, reference=r)
+
+
+def factors_of(record: Record):
+    begun = Plant(1.05 * TRUTH[:2], (0.95 * TRUTH[2:],))
+    return coprime_root([Loop(driven(record), "continuous")], [begun], autoregressive)
+
+
+def test_plant_in_a_fast_loop():
+    """The response between the samples is that of the loop, which an exponential steps through."""
+    found = factors_of(loop(3, 300, 1e-3))
+    errors = np.sqrt(np.diag(found.cov))
+    assert np.all(np.abs(found.plant.theta - TRUTH) < 4.0 * errors)
+    assert np.all(errors < 0.02 * np.abs(TRUTH).max() * np.array([1.0, 1.0, 0.3]))
+    assert found.fit.factors.x.shape[1] == 3
+
+
+def test_derivatives():
+    """By differences, of every coefficient of plant, controller and loop."""
+    record = loop(3, 100, 0.0)
+    factors = Factors(
+        Plant(TRUTH[:2], (TRUTH[2:],)),
+        np.array([[1.0, 34.05, 588.8]]),
+        np.array([-5.0 + 5.0j, -5.0 - 5.0j, -12.0 + 13.0j, -12.0 - 13.0j]),
+    )
+    loops = (Loop(driven(record), "continuous"),)
+    fit = Fit(loops, factors, Rows.plain(loops[0], factors.plant, 0.1))
+    slopes = fit.derivatives(0)
+    for k in range(slopes.shape[1]):
+        step = np.zeros(slopes.shape[1])
+        step[k] = 1e-4 / np.abs(slopes[:, k]).max()
+        up, down = (fit.at(factors.moved(side * step)).driven[0] for side in (1.0, -1.0))
+        np.testing.assert_allclose((up - down) / (2e-4), slopes[:, k] * step[k] / 1e-4, atol=1e-5)
+
+
+@pytest.mark.slow
+def test_intervals_hold():
+    """Of a loop that is fast against its sampling, input mostly noise."""
+    method, scores = ThreeModel(controller="continuous"), []
+    for seed in range(12):
+        found = identify(loop(seed, 1000, 0.01), Structure(2, 0), method)
+        scores.append((found.theta - TRUTH) / found.std)
+    table = np.array(scores)
+    assert np.all(np.abs(table.mean(axis=0)) * np.sqrt(len(table)) < 3.5)
+    assert np.mean(np.abs(table) < 1.96) > 0.8
+    assert 0.6 < table.std() < 1.4
