@@ -40,9 +40,9 @@ from tridentify import (
 )
 from tridentify.errors import TridentifyError
 from tridentify.estimation.likelihood.cost import Point, evaluate
-from tridentify.estimation.likelihood.levenberg_marquardt import finish
-from tridentify.estimation.likelihood.nuisance import Nuisances, build
-from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import finish
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances, build
+from tridentify.estimation.likelihood.setup.problem import Problem
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

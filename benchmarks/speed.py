@@ -69,7 +69,7 @@ STEPS = {
     "adapted passes": ("estimation.search.following.Search._adapted",),
     "moves": ("estimation.search.following.Search.move",),
     "choice of seeds": ("estimation.search.search.RecordSearch._choose",),
-    "decide, finish": ("estimation.methods.maximum.decide",),
+    "decide, finish": ("estimation.methods.around_maximum.maximum.decide",),
     "noise test": ("estimation.methods.three_model.with_noise_model",),
     "check of end": ("estimation.methods.three_model.certify",),
     "rivals' scan": ("estimation.posterior.maximum_or_mean.has_rivals",),

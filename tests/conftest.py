@@ -22,7 +22,7 @@ from tridentify.errors import DataWarning
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
 from tridentify.judgement import choice
-from tridentify.record.formats import isolated, isolation
+from tridentify.record.formats.apart import isolated, isolation
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 

@@ -20,7 +20,7 @@ from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.machine_code import ready
 from tridentify.estimation.methods.base import Method, Progress
 from tridentify.estimation.methods.route import having_left_out, referenced
-from tridentify.judgement.causes.wild_beginning import without_wild_beginning
+from tridentify.judgement.causes.signals.wild_beginning import without_wild_beginning
 from tridentify.judgement.choice import (
     METHODS,
     beside_stated,

@@ -27,7 +27,7 @@ from tridentify import (
 )
 from tridentify import errors as err
 from tridentify.online.kernels import slots
-from tridentify.online.state import packed
+from tridentify.online.saved.state import packed
 
 pytestmark = pytest.mark.unjudged
 

@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tridentify import errors, list_channels, read_record
-from tridentify.record.formats import isolation
+from tridentify.record.formats.apart import isolation
 from tridentify.record.formats.read import FORMATS
 from tridentify.record.record import Record
 

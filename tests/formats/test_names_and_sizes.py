@@ -17,7 +17,9 @@ import pytest
 from scipy import io
 
 from tridentify import errors, list_channels, read_record
-from tridentify.record.formats import isolation, matlab, text_opening, text_rows
+from tridentify.record.formats.apart import isolation
+from tridentify.record.formats.matlab import matlab
+from tridentify.record.formats.text import text_opening, text_rows
 
 pytestmark = pytest.mark.unisolated
 
@@ -196,7 +198,7 @@ def test_a_matrix_of_hdf5_is_measured_before_it_is_unpacked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     h5py = pytest.importorskip("h5py", reason="needs h5py, of the extra tridentify[files]")
-    from tridentify.record.formats import matlab_hdf5
+    from tridentify.record.formats.matlab import matlab_hdf5
 
     path = tmp_path / "bomb.h5"
     with h5py.File(path, "w") as file:

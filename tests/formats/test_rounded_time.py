@@ -9,7 +9,7 @@ import pytest
 
 from tridentify import read_record
 from tridentify.errors import TimeNotIncreasingError
-from tridentify.record.formats.rounded_time import raster_behind
+from tridentify.record.formats.time.rounded_time import raster_behind
 
 pytestmark = pytest.mark.unisolated
 

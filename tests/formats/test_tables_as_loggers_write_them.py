@@ -12,7 +12,7 @@ from scipy import io
 from tridentify import Record, errors, read_record
 from tridentify.cli import main
 from tridentify.record.formats.assemble import Wanted, record_from
-from tridentify.record.formats.matlab import open_file
+from tridentify.record.formats.matlab.matlab import open_file
 
 pytestmark = pytest.mark.unisolated
 

@@ -94,5 +94,5 @@ assert found.findings
 def test_a_judgement_waits_for_no_package_that_it_hardly_needs() -> None:
     """`scipy.signal` takes half a second, more than many a judgement."""
     loaded = loaded_after(JUDGED)
-    assert "tridentify.judgement.causes.lost" in loaded
+    assert "tridentify.judgement.causes.sensors.lost" in loaded
     assert not loaded & {"scipy.signal", "scipy.stats", "matplotlib"}

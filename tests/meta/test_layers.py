@@ -216,7 +216,7 @@ BY_NAME = {"import_module", "__import__", "importlib.import_module", "importlib.
 MAY_IMPORT_BY_NAME = {
     "tridentify",  # the names of the front door, when they are first used
     "tridentify.cli.app",  # the command that is asked for, of its own room
-    "tridentify.record.formats.isolated",  # a reader of its own room
+    "tridentify.record.formats.apart.isolated",  # a reader of its own room
     "tridentify.writing.views",  # what an estimate shows of itself: the one way up
 }
 MAY_IMPORT_THE_DOOR = ("tridentify.cli", "tridentify.report.settings", "tridentify.__main__")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tridentify.estimation.likelihood import scores
-from tridentify.estimation.likelihood.compiled_scatter import scatter_at
+from tridentify.estimation.likelihood.compiled.scatter import scatter_at
 from tridentify.numerics.lagrange import added, added_each, span
 
 

@@ -6,7 +6,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from tridentify.judgement.causes.intersample import Behaviours
+from tridentify.judgement.causes.attempts.intersample import Behaviours
 
 
 def compared(fall: float, present: float, other: float) -> Behaviours:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, TransferFunction, identify, simulate, validate
-from tridentify.judgement.causes.rivals import _bent
+from tridentify.judgement.causes.attempts.rivals import _bent
 
 
 def test_two_levels_have_no_bend_and_three_have_one() -> None:

@@ -17,7 +17,7 @@ from tridentify import (
     simulate,
 )
 from tridentify import errors as err
-from tridentify.estimation.likelihood.nuisance import build, candidates
+from tridentify.estimation.likelihood.setup.nuisance import build, candidates
 from tridentify.estimation.methods.filtered.asymptotic_bias import asymptotic_bias
 from tridentify.estimation.methods.filtered.bias_compensated_least_squares import smallest_pair
 from tridentify.estimation.methods.filtered.filter_cascade import filter_cascade

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, TransferFunction, identify, simulate
-from tridentify.estimation.methods import maximum, turns
+from tridentify.estimation.methods.around_maximum import maximum, turns
 from tridentify.estimation.search import following, search
 from tridentify.numerics.realization import cascade, roots_of, row_of
 from tridentify.uncertainty import bootstrap

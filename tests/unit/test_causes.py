@@ -21,8 +21,8 @@ from tridentify import (
     validate,
 )
 from tridentify.judgement.causes import explain
-from tridentify.judgement.causes.fewer import _moved
-from tridentify.judgement.causes.saturation import levels
+from tridentify.judgement.causes.attempts.fewer import _moved
+from tridentify.judgement.causes.sensors.saturation import levels
 from tridentify.judgement.validation import tried
 
 DT, N = 0.05, 800

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, TransferFunction, simulate
-from tridentify.estimation.likelihood.nuisance import Nuisances
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances
 from tridentify.judgement.causes import explain as module
+from tridentify.judgement.causes.attempts.explanation import Explanations
+from tridentify.judgement.causes.attempts.present import Present
 from tridentify.judgement.causes.explain import explain
-from tridentify.judgement.causes.explanation import Explanations
-from tridentify.judgement.causes.present import Present
 
 PLANT = TransferFunction([4.0], [1.0, 1.2, 4.0])
 SHAPE = Structure(2, 0)

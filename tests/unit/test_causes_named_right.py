@@ -10,8 +10,8 @@ from scipy.linalg import expm
 from scipy.signal import lfilter, lsim
 
 from tridentify import Record, Structure, TransferFunction, identify, simulate
-from tridentify.judgement.causes.backlash import play
-from tridentify.judgement.causes.pulses import pulses
+from tridentify.judgement.causes.sensors.pulses import pulses
+from tridentify.judgement.causes.system.backlash import play
 from tridentify.judgement.cautions.stuck import without_spikes
 
 pytestmark = pytest.mark.judged

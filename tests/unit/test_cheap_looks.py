@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, TransferFunction, identify, simulate
-from tridentify.judgement.causes import fewer
-from tridentify.judgement.causes.surprises import small_surprises
-from tridentify.judgement.causes.told_apart import laws
-from tridentify.judgement.validation import columns
+from tridentify.judgement.causes.attempts import fewer
+from tridentify.judgement.causes.attempts.told_apart import laws
+from tridentify.judgement.causes.signals.surprises import small_surprises
+from tridentify.judgement.validation.statistics import columns
 
 
 @pytest.mark.parametrize("lags", [(0, 1, 2, 3, 7, 20), (0, 1, 2, 3, 5, 6, 40, 70), (0, 1)])

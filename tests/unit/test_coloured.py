@@ -22,10 +22,10 @@ from tridentify.errors import OptionError, TooFewSamplesError, UnsupportedError
 from tridentify.estimation.likelihood import answer, curvature
 from tridentify.estimation.likelihood.cost import evaluate
 from tridentify.estimation.likelihood.curvature import taken
-from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
-from tridentify.estimation.likelihood.noise_model import leaves_coloured_noise
-from tridentify.estimation.likelihood.nuisance import Nuisances, build
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import coefficients
+from tridentify.estimation.likelihood.noise.noise_model import leaves_coloured_noise
 from tridentify.estimation.likelihood.question import Question
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances, build
 from tridentify.models.regression import BLOCK, Experiment, regress, response_of, restricted
 from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.levinson import autocovariance, polynomial

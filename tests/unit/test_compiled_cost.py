@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure
-from tridentify.estimation.likelihood.compiled_cost import decomposed
+from tridentify.estimation.likelihood.compiled.cost import decomposed
 from tridentify.estimation.likelihood.cost import evaluate, evaluate_variant
-from tridentify.estimation.likelihood.linear_columns import linear_blocks
 from tridentify.estimation.likelihood.question import Question
+from tridentify.estimation.likelihood.setup.linear_columns import linear_blocks
 from tridentify.estimation.search.passes import both_steps, parallel_model
 from tridentify.models.response import ColumnBlocks
 from tridentify.models.series_parallel import Filtering, fit_denominators

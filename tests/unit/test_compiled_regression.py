@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.likelihood.setup.problem import Problem, Variant
 from tridentify.estimation.search.banks import Banks
 from tridentify.models.columns import Layout
 from tridentify.models.compiled_regression import cascades

@@ -8,7 +8,7 @@ from scipy.linalg import expm
 
 from tridentify import Record, Structure
 from tridentify.estimation.knowledge.fixed_denominator import fit, place, poles_from
-from tridentify.estimation.likelihood.nuisance import Nuisances, build
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances, build
 
 DT = 0.05
 MODELS = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tridentify.judgement.causes.feedback import Inputs
+from tridentify.judgement.causes.attempts.feedback import Inputs
 from tridentify.judgement.causes.past_outputs import told_by_past
 from tridentify.record.record import Record
 

@@ -8,10 +8,10 @@ import pytest
 from oracles import binary, companion, continuous_loop
 from tridentify import Record, Structure, ThreeModel, identify
 from tridentify.estimation.closed_loop.between_samples import Loop
-from tridentify.estimation.closed_loop.coprime import Factors, Fit
-from tridentify.estimation.closed_loop.coprime_search import coprime_root
+from tridentify.estimation.closed_loop.coprime.factors import Factors, Fit
+from tridentify.estimation.closed_loop.coprime.plant_form import Rows
+from tridentify.estimation.closed_loop.coprime.search import coprime_root
 from tridentify.estimation.closed_loop.driven import driven
-from tridentify.estimation.closed_loop.plant_form import Rows
 from tridentify.estimation.closed_loop.predictor import Plant
 from tridentify.estimation.closed_loop.unstable import autoregressive
 

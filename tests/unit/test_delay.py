@@ -9,7 +9,7 @@ import pytest
 
 from tridentify import Record, Structure, TransferFunction, errors, identify, simulate
 from tridentify.estimation.likelihood.cost import evaluate_variant
-from tridentify.estimation.likelihood.nuisance import build_base, candidates, first_explained
+from tridentify.estimation.likelihood.setup.nuisance import build_base, candidates, first_explained
 from tridentify.estimation.methods.output_error import OutputError
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.models.regression import Experiment, Layout, response_of
@@ -156,7 +156,7 @@ def test_equilibrium_of_a_delayed_system_is_found():
 def test_variants_are_the_problems_themselves():
     """Constants put back on delayed inputs, from the impulse that began later."""
     from tridentify.estimation.likelihood.cost import evaluate
-    from tridentify.estimation.likelihood.nuisance import build
+    from tridentify.estimation.likelihood.setup.nuisance import build
 
     record = in_flight(0.3)
     structure = Structure(2, [[1, 0], [0, 1]], delay=LATE, offset=True)

@@ -11,7 +11,7 @@ from scipy import stats
 from tridentify import OutputError, Record, Structure, TransferFunction, identify, simulate
 from tridentify.estimation.likelihood.cost import Point, evaluate
 from tridentify.estimation.likelihood.curvature import Curvature
-from tridentify.estimation.likelihood.levenberg_marquardt import finish
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import finish
 from tridentify.estimation.likelihood.mixture import (
     Cell,
     Component,
@@ -20,7 +20,7 @@ from tridentify.estimation.likelihood.mixture import (
     fast_poles,
     mixture,
 )
-from tridentify.estimation.likelihood.nuisance import Nuisances, build
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances, build
 from tridentify.estimation.search.delays import _in_words
 
 pytestmark = pytest.mark.unjudged

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, TransferFunction, identify, simulate
-from tridentify.estimation.likelihood.held_past import at_rest, held_before
+from tridentify.estimation.likelihood.setup.held_past import at_rest, held_before
 
 pytestmark = pytest.mark.unjudged
 

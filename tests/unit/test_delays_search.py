@@ -8,9 +8,9 @@ from scipy.signal import lfilter
 
 from tridentify import Record, Structure, TransferFunction, simulate
 from tridentify.estimation.likelihood.cost import evaluate
-from tridentify.estimation.likelihood.levenberg_marquardt import Recorder, finish
-from tridentify.estimation.likelihood.nuisance import Nuisances, build
-from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import Recorder, finish
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances, build
+from tridentify.estimation.likelihood.setup.problem import Problem
 from tridentify.estimation.search.delay_search import delay_places
 from tridentify.estimation.search.delays import with_delays
 from tridentify.models.regression import Experiment

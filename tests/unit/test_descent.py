@@ -10,14 +10,14 @@ from scipy.signal import lfilter
 
 from tridentify.estimation.answer.estimate import Step
 from tridentify.estimation.likelihood.cost import evaluate, evaluate_variant
-from tridentify.estimation.likelihood.descent import Descent
 from tridentify.estimation.likelihood.fitted_point import ROUNDING_SQUARED
-from tridentify.estimation.likelihood.levenberg_marquardt import (
+from tridentify.estimation.likelihood.minimum.descent import Descent
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import (
     Recorder,
     finish,
     finishing,
 )
-from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.likelihood.setup.problem import Problem, Variant
 from tridentify.models.flat_charts import FlatCharts
 from tridentify.models.regression import Experiment
 from tridentify.numerics.realization import sort_poles

@@ -17,8 +17,8 @@ from tridentify import (
     simulate,
 )
 from tridentify.estimation.answer.decision import DecisionKind
-from tridentify.estimation.methods.predictor import predictor_noise
-from tridentify.judgement.causes.feedback import GUARD, Inputs, by_predictor
+from tridentify.estimation.methods.around_maximum.predictor import predictor_noise
+from tridentify.judgement.causes.attempts.feedback import GUARD, Inputs, by_predictor
 from tridentify.judgement.cautions.residual import far_likelier
 from tridentify.judgement.direct import widened
 

@@ -13,7 +13,7 @@ from tridentify import (
     simulate,
     validate,
 )
-from tridentify.judgement.causes.direct_part import follows_at_once, has_direct_part
+from tridentify.judgement.causes.attempts.direct_part import follows_at_once, has_direct_part
 from tridentify.judgement.selection.orders import default_candidates
 
 RESISTANCE, CELL, TAU = 0.022, 0.015, 12.0

@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from tridentify import Record, Structure, TransferFunction, identify, simulate
-from tridentify.judgement.causes.periodic import comes_back
+from tridentify.judgement.causes.system.periodic import comes_back
 
 HOUR, DT = 3600.0, 900.0
 ROOM = TransferFunction([4e-8, 2e-12], [1.0, 2.3e-4, 1.6e-9])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, TransferFunction, identify, simulate
-from tridentify.judgement.causes.surprises import small_surprises
+from tridentify.judgement.causes.signals.surprises import small_surprises
 
 pytestmark = pytest.mark.judged
 

@@ -176,7 +176,7 @@ def by_lines(held: Record) -> Record:
 
 def test_a_gain_alone_meets_its_rule_however_it_works() -> None:
     """Whether its output was held is told by the record that says so, and by nothing else."""
-    from tridentify.estimation.methods.given_controller import rule_of
+    from tridentify.estimation.methods.by_reference.given_controller import rule_of
 
     gain = TransferFunction([2.0], [1.0])
     held, _ = continuous(controller=(np.zeros((0, 0)), np.zeros(0), np.zeros(0), 2.0))

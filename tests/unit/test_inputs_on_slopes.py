@@ -16,8 +16,8 @@ from tridentify import (
     validate,
 )
 from tridentify.estimation.answer.finding import Finding
-from tridentify.judgement.causes.intersample import behaviours as compared
-from tridentify.judgement.causes.intersample import (
+from tridentify.judgement.causes.attempts.intersample import behaviours as compared
+from tridentify.judgement.causes.attempts.intersample import (
     for_left_open,
     in_doubt,
     seems_held,

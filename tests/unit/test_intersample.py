@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 
 from tridentify import OutputError, Record, Structure, TransferFunction, identify, simulate
 from tridentify.errors import NonUniformTimeError, OptionError
-from tridentify.judgement.causes.intersample import behaviours, is_staircase
+from tridentify.judgement.causes.attempts.intersample import behaviours, is_staircase
 
 PLANT = TransferFunction([-7.0, -6.5], [1.0, 2.4, 6.3])
 DT = 0.04

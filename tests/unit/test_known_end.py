@@ -10,7 +10,7 @@ import pytest
 
 from tridentify import Estimate, Record, Structure, TransferFunction, identify, simulate
 from tridentify.estimation.answer.trace import Awaited, Pass
-from tridentify.estimation.likelihood.nuisance import Nuisances, build
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances, build
 from tridentify.estimation.search import following
 
 PLANTS = (

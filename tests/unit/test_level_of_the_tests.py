@@ -8,8 +8,8 @@ from scipy.signal import lfilter
 
 from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, simulate
 from tridentify.judgement.validation import assess
-from tridentify.judgement.validation.evidence import examine
 from tridentify.judgement.validation.residuals import look
+from tridentify.judgement.validation.statistics.evidence import examine
 
 PLANT = TransferFunction([2.0, 9.0], [1.0, 1.2, 9.0])
 MODEL = Structure(2, 1, offset=False, initial_state="rest")

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from tridentify.judgement.causes.slow import slow_waves
-from tridentify.judgement.validation import likelihood_ratio
-from tridentify.judgement.validation.likelihood_ratio import Known, checked
+from tridentify.judgement.causes.system.slow import slow_waves
 from tridentify.judgement.validation.residuals import Output
+from tridentify.judgement.validation.statistics import likelihood_ratio
+from tridentify.judgement.validation.statistics.likelihood_ratio import Known, checked
 
 N = 200
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, TransferFunction, advise, identify, simulate, validate
-from tridentify.judgement.causes.both_ways_filtered import forth_and_back
+from tridentify.judgement.causes.sensors.both_ways_filtered import forth_and_back
 from tridentify.numerics.joined_by_lines import between_follows, joined_by_lines
 
 PLANT = TransferFunction([2.0, 8.0], [1.0, 1.6, 16.0])

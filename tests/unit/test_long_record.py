@@ -21,8 +21,8 @@ from tridentify.errors import (
 )
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.likelihood.cost import evaluate
-from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
-from tridentify.estimation.likelihood.nuisance import Nuisances, build
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import coefficients
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances, build
 from tridentify.estimation.methods.long_record import Readings, poles_of_seed
 
 pytestmark = pytest.mark.unjudged

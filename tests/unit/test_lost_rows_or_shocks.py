@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from tridentify.judgement.causes.lost import Place, jumps
+from tridentify.judgement.causes.sensors.lost import Place, jumps
 from tridentify.numerics.realization import cascade
 
 NOISE = np.array([-1.5, 0.63])

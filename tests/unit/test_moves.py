@@ -7,9 +7,9 @@ import pytest
 
 from tridentify import Record, Structure, TransferFunction, simulate
 from tridentify.estimation.likelihood.cost import evaluate_variant
-from tridentify.estimation.likelihood.levenberg_marquardt import Recorder, finish
-from tridentify.estimation.likelihood.nuisance import build_base, candidates
-from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import Recorder, finish
+from tridentify.estimation.likelihood.setup.nuisance import build_base, candidates
+from tridentify.estimation.likelihood.setup.problem import Problem, Variant
 from tridentify.estimation.search import following
 from tridentify.estimation.search.band import rate_limits
 from tridentify.estimation.search.one_mode_moved import FARTHER, moved_poles, place_costs

@@ -18,7 +18,7 @@ from tridentify import (
     validate,
 )
 from tridentify.cli.tables import estimate_document
-from tridentify.estimation.likelihood.noise_levels import NoiseLevels
+from tridentify.estimation.likelihood.noise.noise_levels import NoiseLevels
 from tridentify.report.tables import result_tables
 
 PLANT = TransferFunction([2.0, 3.0], [1.0, 1.1, 4.0])

@@ -7,8 +7,12 @@ import pytest
 from scipy.signal import butter, lfilter
 
 from tridentify import Record, Structure, TransferFunction, identify, simulate
-from tridentify.judgement.causes.input_floor import filtered, floor_of
-from tridentify.judgement.causes.levels_in_noise import chance_of_noise, levels_of, stretches
+from tridentify.judgement.causes.sensors.input_floor import filtered, floor_of
+from tridentify.judgement.causes.signals.levels_in_noise import (
+    chance_of_noise,
+    levels_of,
+    stretches,
+)
 
 pytestmark = pytest.mark.judged
 

@@ -13,15 +13,20 @@ from tridentify import Record, Structure, TransferFunction, simulate
 from tridentify.estimation.likelihood.cost import evaluate
 from tridentify.estimation.search.compiled_reduction import observability
 from tridentify.identify import search
-from tridentify.judgement.causes.fewer import (
+from tridentify.judgement.causes.attempts.fewer import (
     _answers,
     _fitted,
     _is_noise,
     _levelled,
     _noise_of,
 )
-from tridentify.judgement.causes.revisit import point_of, poles_of_estimate, problem_of, stated
-from tridentify.judgement.causes.timing import FINE, _knots
+from tridentify.judgement.causes.attempts.revisit import (
+    point_of,
+    poles_of_estimate,
+    problem_of,
+    stated,
+)
+from tridentify.judgement.causes.timing.shifts import FINE, _knots
 from tridentify.models.compiled_regression import cascades
 from tridentify.numerics.joined_by_lines import joined_by_lines
 

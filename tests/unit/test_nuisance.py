@@ -7,7 +7,7 @@ import pytest
 
 from tridentify import Record, Structure, errors
 from tridentify.estimation.likelihood.cost import evaluate, evaluate_variant
-from tridentify.estimation.likelihood.nuisance import (
+from tridentify.estimation.likelihood.setup.nuisance import (
     Nuisances,
     build,
     build_base,

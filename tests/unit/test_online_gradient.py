@@ -19,8 +19,8 @@ from tridentify import (
 from tridentify.errors import OptionError, UnsupportedError
 from tridentify.numerics.realization import cascade, numerators, sort_poles
 from tridentify.numerics.recursive import along, descend
-from tridentify.online.gradient_periods import moments_of, scatter, signals_of, stable_poles
-from tridentify.online.gradient_plan import Basis, gains, inverse_of
+from tridentify.online.gradient_rule.periods import moments_of, scatter, signals_of, stable_poles
+from tridentify.online.gradient_rule.plan import Basis, gains, inverse_of
 from tridentify.online.kernels import gradient_slots, slots
 from tridentify.online.layout import NuisanceColumns, Setting
 

@@ -12,8 +12,8 @@ import scipy.stats
 from tridentify import Record, Structure, TransferFunction, online, simulate
 from tridentify.estimation.likelihood.cost import evaluate_variant
 from tridentify.estimation.likelihood.curvature import physical_map
-from tridentify.estimation.likelihood.nuisance import Nuisances, build
-from tridentify.estimation.likelihood.problem import Variant
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances, build
+from tridentify.estimation.likelihood.setup.problem import Variant
 from tridentify.numerics.realization import sort_poles
 from tridentify.online import scatter as room
 from tridentify.online import steps

@@ -10,8 +10,8 @@ import pytest
 
 from tridentify.estimation.likelihood import cost
 from tridentify.estimation.likelihood.cost import evaluate, evaluate_variant
-from tridentify.estimation.likelihood.levenberg_marquardt import Recorder
-from tridentify.estimation.likelihood.problem import Variant
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import Recorder
+from tridentify.estimation.likelihood.setup.problem import Variant
 from tridentify.estimation.search import passes
 from tridentify.numerics.slices import drain
 from unit.test_descent import PROBLEMS, start_of

@@ -22,8 +22,8 @@ from tridentify import (
 from tridentify.errors import OptionError
 from tridentify.estimation.answer.estimate import Status
 from tridentify.estimation.likelihood.cost import evaluate
-from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
-from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import coefficients
+from tridentify.estimation.likelihood.setup.problem import Problem
 from tridentify.estimation.posterior import maximum_or_mean as weighing
 from tridentify.estimation.posterior.many_cascades import coordinates
 from tridentify.estimation.posterior.mean import LONGEST, Posterior, posterior, vagueness

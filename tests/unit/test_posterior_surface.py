@@ -13,8 +13,8 @@ import scipy.linalg
 from scipy.signal import lfilter
 
 from tridentify.estimation.likelihood.cost import evaluate
-from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
-from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import coefficients
+from tridentify.estimation.likelihood.setup.problem import Problem
 from tridentify.estimation.posterior import surface as module
 from tridentify.estimation.posterior.many_cascades import Sections
 from tridentify.estimation.posterior.surface import surface, unit_of

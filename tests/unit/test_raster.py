@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, simulate
-from tridentify.estimation.likelihood.raster import on_raster, places_on_raster
+from tridentify.estimation.likelihood.setup.raster import on_raster, places_on_raster
 
 pytestmark = pytest.mark.unjudged
 

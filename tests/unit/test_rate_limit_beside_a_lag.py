@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, TransferFunction, identify, simulate, validate
-from tridentify.judgement.causes.saturation import following
+from tridentify.judgement.causes.sensors.saturation import following
 
 DT = 0.02
 

@@ -15,8 +15,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tridentify import errors
-from tridentify.record.formats import text_table
 from tridentify.record.formats.read import read_record, read_records
+from tridentify.record.formats.text import text_table
 from tridentify.record.record import Record
 
 GOOD = "t,u,y,z\n0,1,2,3\n0.5,4,5,6\n1,7,8,9\n"

@@ -15,7 +15,7 @@ import polars as pl
 import pytest
 
 from tridentify import errors, frame_from_record, list_channels, read_record, record_from_frame
-from tridentify.record.formats import isolation
+from tridentify.record.formats.apart import isolation
 from tridentify.record.record import Record
 
 pytestmark = pytest.mark.unisolated

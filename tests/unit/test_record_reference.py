@@ -24,7 +24,7 @@ from tridentify import (
 )
 from tridentify.cli.validate_command import renamed
 from tridentify.estimation.answer.assemble import fingerprint
-from tridentify.estimation.likelihood.raster import on_raster
+from tridentify.estimation.likelihood.setup.raster import on_raster
 from tridentify.plots import plot_record
 from tridentify.record.checks.references import settled_reference
 from tridentify.record.formats.frames import frame_from_record, record_from_frame

@@ -7,9 +7,9 @@ import pytest
 from scipy.signal import cont2discrete, lfilter
 
 from tridentify import Record, Structure, identify
-from tridentify.estimation.likelihood.nuisance import Nuisances
-from tridentify.judgement.causes.breaks import break_rivals
-from tridentify.judgement.causes.present import Present
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances
+from tridentify.judgement.causes.attempts.present import Present
+from tridentify.judgement.causes.sensors.breaks import break_rivals
 
 FINE = 10
 DT, A1, A0 = 0.1, 1.4, 4.0

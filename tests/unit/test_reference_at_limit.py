@@ -12,8 +12,8 @@ from tridentify import Record, Structure, ThreeModel
 from tridentify.estimation.answer.trace import Status
 from tridentify.estimation.closed_loop.between_samples import Loop
 from tridentify.estimation.closed_loop.driven import driven
-from tridentify.estimation.methods import reference
-from tridentify.estimation.methods.passes import MOST_PASSES, PATIENCE, Rooted, root
+from tridentify.estimation.methods.by_reference import reference
+from tridentify.estimation.methods.by_reference.passes import MOST_PASSES, PATIENCE, Rooted, root
 
 pytestmark = pytest.mark.unjudged
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, simulate
-from tridentify.judgement.causes.first_samples import Predictions
+from tridentify.judgement.causes.attempts.first_samples import Predictions
 from tridentify.judgement.cautions.sensors import stuck_samples
 
 DT, N = 0.05, 600

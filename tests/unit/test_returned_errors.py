@@ -14,16 +14,16 @@ from oracles import continuous_loop
 from tridentify import Record, Structure, ThreeModel, TransferFunction, simulate
 from tridentify.estimation.closed_loop.driven import described_otherwise, driven
 from tridentify.estimation.closed_loop.noise_driven import colour
-from tridentify.estimation.methods.output_error import OutputError
-from tridentify.estimation.methods.passes import apart, model_like, root, without_rest
-from tridentify.estimation.methods.reference import Loop
-from tridentify.estimation.methods.returned_errors import (
+from tridentify.estimation.methods.by_reference.passes import apart, model_like, root, without_rest
+from tridentify.estimation.methods.by_reference.reference import Loop
+from tridentify.estimation.methods.by_reference.returned_errors import (
     _back,
     _no_less,
     _sparing,
     _tables,
     with_returned_errors,
 )
+from tridentify.estimation.methods.output_error import OutputError
 
 N, DT = 800, 0.1
 

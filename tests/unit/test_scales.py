@@ -20,9 +20,9 @@ from tridentify import (
     validate,
 )
 from tridentify import errors as err
-from tridentify.estimation.likelihood.nuisance import Nuisances, build
 from tridentify.estimation.likelihood.scores import judged_scatter
-from tridentify.judgement.causes.attempt import attempt
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances, build
+from tridentify.judgement.causes.attempts.attempt import attempt
 from tridentify.judgement.cautions.sensors import seen_in
 from tridentify.numerics.discretize import discretize
 from tridentify.numerics.rational import scaled_roots

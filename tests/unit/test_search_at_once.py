@@ -7,8 +7,8 @@ import pytest
 
 from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, simulate
 from tridentify.estimation.likelihood.cost import evaluate
-from tridentify.estimation.likelihood.nuisance import build_base, candidates
-from tridentify.estimation.methods.noise import PASSED
+from tridentify.estimation.likelihood.setup.nuisance import build_base, candidates
+from tridentify.estimation.methods.around_maximum.noise import PASSED
 from tridentify.estimation.search.following import CERTAIN
 from tridentify.estimation.search.found import Starts
 from tridentify.estimation.search.search import RecordSearch

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, TransferFunction, select_structure, simulate
-from tridentify.judgement.causes.backlash import play
+from tridentify.judgement.causes.system.backlash import play
 
 DT, COUNT = 0.2, 600
 

@@ -8,8 +8,8 @@ import pytest
 from tridentify import Record, TransferFunction, simulate
 from tridentify.estimation.likelihood.answer import model_of
 from tridentify.estimation.likelihood.cost import Point, evaluate
-from tridentify.estimation.likelihood.levenberg_marquardt import Recorder, coefficients
-from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import Recorder, coefficients
+from tridentify.estimation.likelihood.setup.problem import Problem, Variant
 from tridentify.estimation.search.band import relocated_poles
 from tridentify.estimation.search.one_mode_moved import moved_poles, place_costs
 from tridentify.estimation.search.passes import adapting, parallel_model, series_model

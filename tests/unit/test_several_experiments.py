@@ -15,7 +15,7 @@ from tridentify import (
     identify,
     simulate,
 )
-from tridentify.estimation.likelihood.nuisance import Nuisances, build
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances, build
 from tridentify.estimation.search.stand_ins import averaged, is_large, is_usable, window
 
 pytestmark = pytest.mark.unjudged

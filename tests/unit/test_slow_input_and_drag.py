@@ -11,11 +11,11 @@ from oracles import by_modes
 from tridentify import Record, Structure, identify
 from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.answer.trace import Trace
-from tridentify.estimation.likelihood.nuisance import Nuisances
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances
 from tridentify.estimation.posterior.maximum_or_mean import ELSEWHERE, left_behind
-from tridentify.judgement.causes.coarse_input import converter_steps
-from tridentify.judgement.causes.present import Present
-from tridentify.judgement.causes.slow_input import repeats, slow_input_rivals
+from tridentify.judgement.causes.attempts.present import Present
+from tridentify.judgement.causes.signals.coarse_input import converter_steps
+from tridentify.judgement.causes.timing.slow_input import repeats, slow_input_rivals
 
 NUM, DEN, DT, FINE = np.array([2.0, 8.0]), np.array([1.0, 1.6, 16.0]), 0.05, 10
 pytestmark = pytest.mark.judged

@@ -17,7 +17,7 @@ from tridentify import (
 )
 from tridentify.judgement.cautions import judged
 from tridentify.judgement.cautions.outliers import spikes
-from tridentify.judgement.validation.distribution import distribution
+from tridentify.judgement.validation.statistics.distribution import distribution
 
 MODEL = TransferFunction([2.0], [1.0, 2.0, 4.0])
 DT, N = 0.05, 800

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tridentify import Record, TransferFunction, simulate
-from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.likelihood.setup.problem import Problem, Variant
 from tridentify.estimation.search.band import rate_limits, relocated_poles
 from tridentify.estimation.search.starts import (
     discrete_poles,

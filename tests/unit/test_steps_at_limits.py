@@ -7,11 +7,11 @@ from functools import partial
 import numpy as np
 import pytest
 
-from tridentify.estimation.likelihood.bend import LEAST_BEND, MOST_BEND, bend_of
 from tridentify.estimation.likelihood.cost import evaluate
 from tridentify.estimation.likelihood.held_poles import at_slow_limit, conditions, left_by, moved
-from tridentify.estimation.likelihood.levenberg_marquardt import finish
-from tridentify.estimation.likelihood.problem import TOO_SLOW, Problem
+from tridentify.estimation.likelihood.minimum.bend import LEAST_BEND, MOST_BEND, bend_of
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import finish
+from tridentify.estimation.likelihood.setup.problem import TOO_SLOW, Problem
 from tridentify.estimation.likelihood.step import Bend
 from tridentify.models.regression import Experiment
 from tridentify.numerics.realization import cascade, roots_of, row_of

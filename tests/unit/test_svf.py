@@ -20,7 +20,7 @@ from tridentify import (
     simulate,
 )
 from tridentify.errors import DependentInputsError, OptionError, UnsupportedError
-from tridentify.estimation.likelihood.nuisance import build, candidates
+from tridentify.estimation.likelihood.setup.nuisance import build, candidates
 from tridentify.estimation.methods.filtered.filter_cascade import filter_cascade
 from tridentify.estimation.methods.filtered.state_variable_filters import (
     backward,

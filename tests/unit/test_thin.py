@@ -9,7 +9,7 @@ import pytest
 
 from tridentify import Record, TransferFunction, simulate
 from tridentify.estimation.likelihood.cost import evaluate
-from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.setup.problem import Problem
 from tridentify.estimation.search.stand_ins import (
     LARGE_RECORD,
     SMALL,

@@ -10,7 +10,7 @@ import pytest
 
 from tridentify import Record, TransferFunction, identify, simulate
 from tridentify.estimation.answer.trust import unusable
-from tridentify.judgement.causes.told_apart import laws, told_apart
+from tridentify.judgement.causes.attempts.told_apart import laws, told_apart
 from tridentify.report.first_screen import headline_of, trust_of
 
 

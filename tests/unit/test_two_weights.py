@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from tridentify import Record, Structure, ThreeModel
-from tridentify.estimation.likelihood.two_weights import IN_WORDS
+from tridentify.estimation.likelihood.noise.two_weights import IN_WORDS
 
 pytestmark = pytest.mark.unjudged
 

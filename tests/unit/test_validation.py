@@ -27,8 +27,8 @@ from tridentify.errors import (
     SampleTypeError,
     TooFewSamplesError,
 )
-from tridentify.judgement.validation import bends
 from tridentify.judgement.validation.residuals import look, root_of
+from tridentify.judgement.validation.statistics import bends
 
 pytestmark = pytest.mark.unjudged
 

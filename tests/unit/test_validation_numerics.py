@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tridentify.judgement.validation.distribution import distribution
+from tridentify.judgement.validation.statistics.distribution import distribution
 from tridentify.numerics.lagrange import added, holm, span
 from tridentify.numerics.portmanteau import autocorrelation_of_fit, portmanteau
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, TransferFunction, advise, identify, simulate, validate
-from tridentify.judgement.causes.wild_beginning import APART, _far, without_wild_beginning
+from tridentify.judgement.causes.signals.wild_beginning import APART, _far, without_wild_beginning
 
 TRUTH = np.array([3.0, 9.0, 9.0])
 

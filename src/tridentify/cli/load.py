@@ -29,11 +29,12 @@ from tridentify.numerics.arrays import Array
 from tridentify.options import NUMBER
 from tridentify.record.checks.names import did_you_mean
 from tridentify.record.checks.times import time_slack
-from tridentify.record.formats import assemble, clock
+from tridentify.record.formats import assemble
 from tridentify.record.formats.channels import SECONDS, OpenFile
 from tridentify.record.formats.read import opened
-from tridentify.record.formats.rounded_time import raster_behind
 from tridentify.record.formats.summary import channel_summaries
+from tridentify.record.formats.time import clock
+from tridentify.record.formats.time.rounded_time import raster_behind
 from tridentify.record.record import Record
 from tridentify.writing.layout import printable
 

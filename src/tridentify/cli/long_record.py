@@ -12,7 +12,7 @@ from tridentify.cli.terminal import Activity
 from tridentify.errors import NonUniformTimeError, UnsupportedError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.methods.base import Method
-from tridentify.record.formats.isolation import machine_memory
+from tridentify.record.formats.apart.isolation import machine_memory
 from tridentify.record.formats.parts import has_parts, open_parts
 from tridentify.record.long_record import LongRecord, open_record
 from tridentify.record.record import Record

@@ -17,7 +17,7 @@ from functools import cache
 from types import ModuleType
 
 FIRST_BESIDE = (
-    "tridentify.estimation.likelihood.compiled_scatter",
+    "tridentify.estimation.likelihood.compiled.scatter",
     "tridentify.models.compiled_whitening",
     "tridentify.models.compiled_regression",
     "tridentify.numerics.kernels.added_columns",
@@ -65,12 +65,14 @@ def load_first(
         from tridentify.models import compiled_columns, compiled_steps
 
         say("cost")
-        from tridentify.estimation.likelihood import compiled_cost
+        from tridentify.estimation.likelihood.compiled import cost as compiled_cost
 
         if and_all:
             from tridentify.numerics import incomplete_kernels  # noqa: F401
         say("banks")
-    from tridentify.estimation.likelihood import compiled_fit, compiled_roots, compiled_scatter
+    from tridentify.estimation.likelihood.compiled import fit as compiled_fit
+    from tridentify.estimation.likelihood.compiled import roots as compiled_roots
+    from tridentify.estimation.likelihood.compiled import scatter as compiled_scatter
     from tridentify.models import compiled_regression, compiled_whitening
     from tridentify.numerics.kernels import (
         added_columns,
@@ -118,7 +120,8 @@ def load_kernels(say: Callable[[str], None] = lambda what: None) -> tuple[Module
     from tridentify.estimation.posterior import compiled_triangles
 
     say("steps")
-    from tridentify.estimation.likelihood import compiled_descent, compiled_proposal
+    from tridentify.estimation.likelihood.compiled import descent as compiled_descent
+    from tridentify.estimation.likelihood.compiled import proposal as compiled_proposal
 
     numerics = incomplete_kernels, crossing, driven, long_recursions, whitening
     steps = compiled_proposal, compiled_descent

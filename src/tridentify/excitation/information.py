@@ -27,8 +27,8 @@ from tridentify.estimation.knowledge.fixed_denominator import fit, place
 from tridentify.estimation.knowledge.solve import problem_for
 from tridentify.estimation.likelihood.cost import evaluate
 from tridentify.estimation.likelihood.curvature import SINGULAR, physical_transform
-from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidates
-from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances, build, candidates
+from tridentify.estimation.likelihood.setup.problem import Problem
 from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.least_squares import column_norms, triangle

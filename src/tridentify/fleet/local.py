@@ -22,11 +22,11 @@ import numpy as np
 from tridentify.errors import UnsupportedError
 from tridentify.estimation.likelihood.cost import Point, bank_of
 from tridentify.estimation.likelihood.curvature import physical_transform
-from tridentify.estimation.likelihood.linear_columns import free_states, linear_blocks
 from tridentify.estimation.likelihood.linear_fit import Linear
-from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidates
-from tridentify.estimation.likelihood.problem import Problem
-from tridentify.estimation.likelihood.triangles import Triangles
+from tridentify.estimation.likelihood.setup.linear_columns import free_states, linear_blocks
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances, build, candidates
+from tridentify.estimation.likelihood.setup.problem import Problem
+from tridentify.estimation.likelihood.setup.triangles import Triangles
 from tridentify.estimation.methods.base import check
 from tridentify.estimation.methods.capability import EVERYTHING
 from tridentify.fleet.attempt import RecordJob

@@ -12,7 +12,7 @@ from statistics import median
 from typing import Any
 
 from tridentify.errors import IdentifiabilityError
-from tridentify.estimation.likelihood.nuisance import Nuisances
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances
 from tridentify.fleet.job import Item
 from tridentify.fleet.local import Local, Piece
 from tridentify.fleet.work import Task

@@ -23,7 +23,7 @@ from tridentify.errors import (
     shown,
 )
 from tridentify.estimation.answer.estimate import Estimate
-from tridentify.estimation.likelihood.nuisance import Nuisances
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances
 from tridentify.fleet.job import FAILURES, NO_ANSWER, Item
 from tridentify.fleet.local import Local, Piece, summable
 from tridentify.fleet.passes import Sums, pieces_of, summed

@@ -6,7 +6,7 @@ fail (Levenberg & Marquardt), lead to its maximum: a pass over the fleet each, s
 all, and a few numbers from every worker. The maximum is that of `identify` with the list of all
 records and ``ThreeModel(noise="white")``, one level of the noise for all; that one machine holds
 all samples is not needed, nor that their nuisance terms are solved for at once. By default
-`identify` gives experiments of different noise a level each (`likelihood.noise_levels`).
+`identify` gives experiments of different noise a level each (`likelihood.noise.noise_levels`).
 
 Which nuisance terms there are is decided as there, by AICc, for all units alike.
 """
@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from tridentify.errors import ConvergenceError, IdentifiabilityError
-from tridentify.estimation.likelihood.nuisance import Nuisances
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances
 from tridentify.fleet.local import Piece
 from tridentify.fleet.passes import Sums
 from tridentify.numerics.arrays import Array

@@ -13,7 +13,8 @@ from tridentify.errors import OptionError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import ranked
 from tridentify.estimation.closed_loop.moving import any_moves
-from tridentify.estimation.likelihood.noise_levels import weighed
+from tridentify.estimation.likelihood.noise.noise_levels import weighed
+from tridentify.estimation.methods.around_maximum.levels import one_level
 from tridentify.estimation.methods.base import Method, Progress
 from tridentify.estimation.methods.capability import Capability
 from tridentify.estimation.methods.closed_loop.projection import Projection
@@ -27,10 +28,9 @@ from tridentify.estimation.methods.filtered.refined_instrumental_variable import
 )
 from tridentify.estimation.methods.filtered.svf_instrumental_variable import SvfInstrumentalVariable
 from tridentify.estimation.methods.filtered.svf_least_squares import SvfLeastSquares
-from tridentify.estimation.methods.levels import one_level
 from tridentify.estimation.methods.output_error import OutputError
 from tridentify.estimation.methods.three_model import ThreeModel
-from tridentify.judgement.causes.intersample import (
+from tridentify.judgement.causes.attempts.intersample import (
     IN_WORDS,
     TIE,
     Behaviours,

@@ -8,7 +8,7 @@ how much hangs on it is said: by how much coefficients differ from those with wh
 Of a plant that is held, the best model by simulation may be none at all (the controller backwards,
 or a stable stand-in), with a residual in which no feedback shows. Then past outputs tell what the
 input does next (`causes.past_outputs`), or a short linear law of outputs does
-(`causes.told_apart`), and the direct route is taken for that.
+(`causes.attempts.told_apart`), and the direct route is taken for that.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from tridentify.estimation.answer.finding import Finding, ranked
 from tridentify.estimation.likelihood.answer import widened_by
 from tridentify.estimation.likelihood.question import silently
 from tridentify.estimation.methods.base import Method, Progress
+from tridentify.estimation.methods.by_reference.not_stable import may_be_unstable, unless_unstable
 from tridentify.estimation.methods.explained import explained_records
 from tridentify.estimation.methods.in_loop import NOT_HELD, found_together
-from tridentify.estimation.methods.not_stable import may_be_unstable, unless_unstable
 from tridentify.estimation.methods.output_error import OutputError
 from tridentify.estimation.methods.three_model import ThreeModel
-from tridentify.judgement.causes.feedback import Inputs, misses
-from tridentify.judgement.causes.fewer import NO_RESPONSE, foretold
-from tridentify.judgement.causes.first_samples import beginning
+from tridentify.judgement.causes.attempts.feedback import Inputs, misses
+from tridentify.judgement.causes.attempts.fewer import NO_RESPONSE, foretold
+from tridentify.judgement.causes.attempts.first_samples import beginning
+from tridentify.judgement.causes.attempts.told_apart import laws, told_apart
 from tridentify.judgement.causes.past_outputs import Told, told_by_past, told_finding
-from tridentify.judgement.causes.told_apart import laws, told_apart
 from tridentify.judgement.validation.assess import (
     LONGEST_LOOK,
     looked_at,

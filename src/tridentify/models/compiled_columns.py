@@ -113,7 +113,7 @@ def add_filtered(
         A triangle of the output in the experiment.
     experiment, output : int
     free, first_input, repeats, orders, firsts, group, n_inputs
-        As in `estimation.likelihood.compiled_cost`.
+        As in `estimation.likelihood.compiled.cost`.
     b, maps : arrays
         Of the bank (`numerics.kernels.cascades.bank_parts`).
     rows, direct, started : arrays

@@ -6,7 +6,7 @@ a_hat`` (`estimation.search.passes`). The bank begins with the states of the fil
 ``p^k x / a_hat`` is a combination of its first states, and ``p^n / a_hat`` of the output is the
 output itself up to lower powers.
 
-Arguments are those of `estimation.likelihood.compiled_cost`.
+Arguments are those of `estimation.likelihood.compiled.cost`.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ columns of an output are those of its own delays. What the input did before its 
 unknown. Where the start is one of rest or equilibrium it was at its reference, that is at zero. A
 free initial state stands for any past, but only from the moment on when the last of the delayed
 inputs has arrived: the impulse states begin at that sample (`Experiment.start`), and output samples
-before it are not used (`likelihood.nuisance`), since no known input explains them.
+before it are not used (`likelihood.setup.nuisance`), since no known input explains them.
 
 Where the noise of an output is coloured, all columns are turned into their innovations
 (`numerics.autoregression`) before they enter that output's triangle: ordinary least squares on

@@ -5,11 +5,11 @@ from types import MappingProxyType
 
 from tridentify.online.asked import NotReadyError
 from tridentify.online.estimator import Estimator
-from tridentify.online.gradient import Gradient
+from tridentify.online.gradient_rule.gradient import Gradient
 from tridentify.online.kalman import Kalman
 from tridentify.online.recursive_least_squares import RecursiveLeastSquares
 from tridentify.online.run import Run, run
-from tridentify.online.state import Flag, State
+from tridentify.online.saved.state import Flag, State
 from tridentify.online.three_model import ThreeModel
 
 __all__ = [

@@ -23,7 +23,7 @@ from tridentify.errors import (
 from tridentify.numerics.arrays import Array
 from tridentify.online.kernels import slots
 from tridentify.online.layout import Setting
-from tridentify.online.state import State
+from tridentify.online.saved.state import State
 from tridentify.record.checks.scales import MOST_STEPS
 
 LEAST_FORGETTING = 0.5

@@ -59,8 +59,8 @@ from tridentify.online.layout import (
     watch_of,
 )
 from tridentify.online.result import assembled
+from tridentify.online.saved.state import State
 from tridentify.online.scatter import widened, with_scatter
-from tridentify.online.state import State
 from tridentify.online.suspecting import MOST_KEPT, Suspecting
 from tridentify.online.task import Task
 from tridentify.transfer_function import TransferFunction

@@ -35,7 +35,7 @@ from tridentify.online import asked
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.workspace import LONGEST, Workspace
 from tridentify.online.layout import Blueprint, Setting, constants_for, smallest_channel
-from tridentify.online.state import MAKERS, State
+from tridentify.online.saved.state import MAKERS, State
 from tridentify.record.checks.scales import check_span
 from tridentify.record.record import Record
 from tridentify.structure import Structure

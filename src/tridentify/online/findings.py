@@ -10,8 +10,8 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding, ranked
 from tridentify.numerics.arrays import Array
 from tridentify.online.kernels import slots
+from tridentify.online.saved.state import Flag, State
 from tridentify.online.search import TRIED, first_try
-from tridentify.online.state import Flag, State
 
 WORTH_TELLING = 1.05  # standard errors that differ by less tell nobody anything
 BIASED = 1.5  # times wider: an equation error that follows its own past

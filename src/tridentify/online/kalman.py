@@ -14,7 +14,7 @@ from tridentify.online.equation import EquationError, unknowns_of
 from tridentify.online.equation_plan import maps_of, output_weights
 from tridentify.online.kernels import slots
 from tridentify.online.layout import Blueprint, Setting
-from tridentify.online.state import State
+from tridentify.online.saved.state import State
 from tridentify.transfer_function import TransferFunction
 
 SAMPLES_PER_UNKNOWN = 10

@@ -19,9 +19,9 @@ from tridentify.online.equation_plan import from_directions
 from tridentify.online.estimator import Estimator
 from tridentify.online.kernels import slots
 from tridentify.online.residual import is_driven
+from tridentify.online.saved.state import State
 from tridentify.online.search import FoundPoles, far_off, judged_poles, record_of, searching
 from tridentify.online.starting import admissible, calm, rearranged, run_kept, take_clocks, without
-from tridentify.online.state import State
 from tridentify.online.summary import moved
 
 MOVE_ROUNDS = 3

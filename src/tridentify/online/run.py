@@ -15,7 +15,7 @@ from tridentify.estimation.answer.trace import freeze_arrays
 from tridentify.numerics.arrays import Array
 from tridentify.online.asked import NotReadyError, check_above_zero
 from tridentify.online.estimator import Estimator
-from tridentify.online.state import Flag, State
+from tridentify.online.saved.state import Flag, State
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 

@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from tridentify.estimation.likelihood.nuisance import Nuisances, build
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances, build
 from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.online.estimator import Estimator
 from tridentify.online.kernels import gradient_slots, slots
 from tridentify.online.layout import CHUNK, Blueprint, Setting, Stage, collecting, fresh, watch_of
-from tridentify.online.number_rules import ALARM_LASTS
+from tridentify.online.saved.number_rules import ALARM_LASTS
+from tridentify.online.saved.state import State
 from tridentify.online.search import first_try, next_try, record_of
-from tridentify.online.state import State
 from tridentify.online.task import Task
 
 SLICES = 1  # of a task, for every sample

@@ -24,10 +24,14 @@ from tridentify.estimation.answer.estimate import Estimate, Step, Trace
 from tridentify.estimation.likelihood.answer import Ending, solved_at
 from tridentify.estimation.likelihood.choose_nuisance import Finished
 from tridentify.estimation.likelihood.cost import Point, evaluate_variant
-from tridentify.estimation.likelihood.levenberg_marquardt import Recorder, criterion, finishing
-from tridentify.estimation.likelihood.linear_columns import linear_blocks
-from tridentify.estimation.likelihood.nuisance import Nuisances
-from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import (
+    Recorder,
+    criterion,
+    finishing,
+)
+from tridentify.estimation.likelihood.setup.linear_columns import linear_blocks
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances
+from tridentify.estimation.likelihood.setup.problem import Problem, Variant
 from tridentify.estimation.likelihood.thresholds import EQUAL, SETTLED_LONG, TRUSTED
 from tridentify.estimation.search.passes import adapting, series_model
 from tridentify.models.regression import Regression

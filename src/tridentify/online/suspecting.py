@@ -38,10 +38,10 @@ from tridentify.online.estimator import Estimator, kept_samples
 from tridentify.online.kernels import slots
 from tridentify.online.layout import Setting, Stage
 from tridentify.online.residual import Refined, is_driven, refined
+from tridentify.online.saved.state import State
 from tridentify.online.scatter import wonted
 from tridentify.online.search import DOUBTED, TRIED, FoundPoles, clean_search, first_try, record_of
 from tridentify.online.starting import advanced, again, calm, idle, roomed, shortened, told_changed
-from tridentify.online.state import State
 from tridentify.online.suspicion import (
     LARGER,
     Old,

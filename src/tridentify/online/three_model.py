@@ -70,6 +70,7 @@ from tridentify.online.estimator import CompiledKernels, check_asked, kept_sampl
 from tridentify.online.findings import with_findings
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.slots import DIRECTIONAL, EXPONENTIAL
+from tridentify.online.saved.state import State
 from tridentify.online.scatter import wonted
 from tridentify.online.search import DOUBTED, TRIED, checked_start, first_try, poles_of_start
 from tridentify.online.starting import (
@@ -82,7 +83,6 @@ from tridentify.online.starting import (
     told_changed,
     waiting,
 )
-from tridentify.online.state import State
 from tridentify.online.steps import estimate_of, solve_steps
 from tridentify.online.suspicion import Look, Old, packed, trying, unpacked
 from tridentify.online.task import Task

@@ -5,7 +5,7 @@ free response, the offset and the drift of each experiment. ``x`` is eliminated 
 what is left, ``r(theta) = (I - Q Q') W (y - G u)``, is a function of ``theta`` alone whose sum of
 squares is the likelihood's reduced cost (variable projection; Golub & Pereyra 1973). ``W`` turns
 the samples into innovations where the noise has a model; it is that of the free estimate and held,
-which costs nothing asymptotically (see `likelihood.noise_model`).
+which costs nothing asymptotically (see `likelihood.noise.noise_model`).
 
 Only `simulate` is asked for responses, so every model that can be simulated can be held.
 """

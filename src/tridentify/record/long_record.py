@@ -31,8 +31,8 @@ from tridentify.record.checks.samples import Intersample
 from tridentify.record.checks.times import TIME_TOLERANCE
 from tridentify.record.formats.assemble import Wanted, find_channel, record_from
 from tridentify.record.formats.channels import SECONDS
-from tridentify.record.formats.clock import time_channels
 from tridentify.record.formats.parts import Part, PartedFile, damaged, open_parts
+from tridentify.record.formats.time.clock import time_channels
 from tridentify.record.formats.time_names import epoch_unit, unit_in_name
 from tridentify.record.record import Record
 from tridentify.writing.layout import printable

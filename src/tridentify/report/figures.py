@@ -16,7 +16,7 @@ import numpy as np
 from tridentify.errors import StepNotTakenError, TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.advice import FrequencyResponse, frequency_response
-from tridentify.judgement.causes.first_samples import beginning
+from tridentify.judgement.causes.attempts.first_samples import beginning
 from tridentify.judgement.validation import Validation, validate
 from tridentify.judgement.validation.residuals import View
 from tridentify.numerics.arrays import Array

@@ -26,8 +26,8 @@ import numpy.typing as npt
 from tridentify.errors import ChannelCountError, OptionError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.likelihood.cost import Point, evaluate
-from tridentify.estimation.likelihood.nuisance import build, candidates
-from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.setup.nuisance import build, candidates
+from tridentify.estimation.likelihood.setup.problem import Problem
 from tridentify.estimation.search.passes import parallel_model
 from tridentify.models.series_parallel import Filtering, equation_error, polynomial
 from tridentify.numerics.arrays import Array

@@ -40,7 +40,7 @@ from tridentify.estimation.closed_loop.predictor import (
     slopes,
 )
 from tridentify.estimation.closed_loop.unstable import FLOOR, STILL
-from tridentify.estimation.likelihood.problem import FASTEST
+from tridentify.estimation.likelihood.setup.problem import FASTEST
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.autoregression import (
     Whitener,

@@ -14,7 +14,7 @@ the record. Nothing else is changed, so that for a stable plant ``e = y - G u``.
 
 ``e`` is linear in the signals, so that what the reference drives in it is ``e`` of the driven
 signals (`driven`), and its derivatives by the coefficients are instruments as in the stable case
-(`methods.reference`). They are taken by central differences of (1), which is exact at the samples:
+(`reference`). They are taken by central differences of (1), which is exact at the samples:
 of a held input, and of a driven one of continuous time, by pieces of the intervals
 (`between_samples`).
 

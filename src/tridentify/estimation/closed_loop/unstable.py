@@ -8,7 +8,7 @@
 driven derivatives ``Z`` (`predictor`): steps ``(Z' Z)^{-1} Z' e``, halved while they do not bring
 the driven part of ``e`` down. Start and offset are columns beside ``Z``; where the noise is
 coloured all of them are whitened. ``sigma^2 (Z' T)^{-1} Z' Z (Z' T)^{-T}`` is the covariance, with
-``T`` the derivatives of all of ``e`` (`methods.returned_errors`).
+``T`` the derivatives of all of ``e`` (`methods.by_reference.returned_errors`).
 """
 
 from __future__ import annotations

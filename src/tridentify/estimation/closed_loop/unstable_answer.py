@@ -16,7 +16,7 @@ from tridentify.estimation.answer.trace import Status, Trace
 from tridentify.estimation.closed_loop.added_up import with_added_up
 from tridentify.estimation.closed_loop.as_recorded import AsRecorded
 from tridentify.estimation.closed_loop.between_samples import IN_WORDS, Loop, Sampling
-from tridentify.estimation.closed_loop.coprime_search import coprime_root
+from tridentify.estimation.closed_loop.coprime.search import coprime_root
 from tridentify.estimation.closed_loop.driven import Driven, described_otherwise, driven
 from tridentify.estimation.closed_loop.linear_errors import (
     driven_basis,

@@ -34,8 +34,8 @@ from tridentify.estimation.likelihood.answer import (
 )
 from tridentify.estimation.likelihood.curvature import SINGULAR
 from tridentify.estimation.likelihood.fitted_point import ROUNDING_SQUARED
-from tridentify.estimation.likelihood.nuisance import Nuisances, reference_of
 from tridentify.estimation.likelihood.scores import ScoreScatter
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances, reference_of
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.information import aicc_price
 from tridentify.numerics.least_squares import column_norms

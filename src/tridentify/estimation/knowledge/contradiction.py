@@ -36,9 +36,9 @@ from tridentify.estimation.knowledge.affine import Knowledge, known_of
 from tridentify.estimation.knowledge.answer import freedom, spread_of
 from tridentify.estimation.knowledge.descend import ConstrainedEnd, descend, is_exact, is_stable
 from tridentify.estimation.likelihood.curvature import SINGULAR
-from tridentify.estimation.likelihood.levenberg_marquardt import Patience
-from tridentify.estimation.likelihood.noise_model import PER_UNKNOWN
-from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import Patience
+from tridentify.estimation.likelihood.noise.noise_model import PER_UNKNOWN
+from tridentify.estimation.likelihood.setup.problem import Problem
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import fit_autoregression, most_coefficients
 from tridentify.numerics.whiteness import is_white

@@ -27,8 +27,8 @@ from tridentify.estimation.knowledge.affine import Knowledge
 from tridentify.estimation.knowledge.bounded import bounded_least_squares
 from tridentify.estimation.knowledge.fixed_denominator import HeldFit, fit, place, poles_from
 from tridentify.estimation.likelihood.fitted_point import ROUNDING_SQUARED
-from tridentify.estimation.likelihood.levenberg_marquardt import Patience
-from tridentify.estimation.likelihood.problem import LEAST_DAMPED, TOO_FAST, Problem
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import Patience
+from tridentify.estimation.likelihood.setup.problem import LEAST_DAMPED, TOO_FAST, Problem
 from tridentify.estimation.likelihood.thresholds import IDLE, NEARLY_SETTLED, SENSELESS
 from tridentify.numerics.arrays import Array, Flags, Indices
 from tridentify.numerics.least_squares import column_norms

@@ -26,7 +26,7 @@ from functools import cached_property
 import numpy as np
 
 from tridentify.estimation.likelihood.fitted_point import FLOOR
-from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.setup.problem import Problem
 from tridentify.models.regression import Regression, regress, response_of
 from tridentify.models.response import Response
 from tridentify.numerics.arrays import Array, Complex

@@ -5,7 +5,7 @@ it is to look at: with integrators the inputs are integrated and the poles at th
 Its end is one of the starts of the constrained steps (`starts`), beside the seeds it had. The
 nuisance terms are those of the lowest AICc, each choice followed to its own constrained maximum; a
 noise model is fitted to the constrained residual anew, in turn with the coefficients, until these
-stand still (`likelihood.noise_model`).
+stand still (`likelihood.noise.noise_model`).
 """
 
 from __future__ import annotations
@@ -46,15 +46,15 @@ from tridentify.estimation.knowledge.free_problem import widened
 from tridentify.estimation.knowledge.reach import check_reach
 from tridentify.estimation.knowledge.sizes import scale_of, spread_of
 from tridentify.estimation.knowledge.starts import further_points, starting_points
-from tridentify.estimation.likelihood.levenberg_marquardt import Patience
-from tridentify.estimation.likelihood.noise_model import (
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import Patience
+from tridentify.estimation.likelihood.noise.noise_model import (
     MOST_ROUNDS,
     PER_UNKNOWN,
     STILL,
     NoiseChoice,
 )
-from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidates
-from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances, build, candidates
+from tridentify.estimation.likelihood.setup.problem import Problem
 from tridentify.estimation.likelihood.thresholds import TRUSTED
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import deviance, fit_autoregression, most_coefficients

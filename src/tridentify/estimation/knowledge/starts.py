@@ -37,7 +37,7 @@ from tridentify.estimation.knowledge.descend import (
     step,
 )
 from tridentify.estimation.knowledge.fixed_denominator import Denominator, HeldFit, place
-from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.setup.problem import Problem
 from tridentify.estimation.likelihood.thresholds import PASS_WITHIN
 from tridentify.models.response import ColumnBlocks, Response
 from tridentify.numerics.arrays import Array

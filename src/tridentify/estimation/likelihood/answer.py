@@ -5,7 +5,7 @@ algorithm (delays that are estimated along, the choice between maximum and mean)
 the estimate is made from the last one, once, by `estimate_from`.
 
 The standard errors are those of the local curvature (`likelihood.curvature`), unless the scores
-scatter more (`likelihood.scores`), other weights lead elsewhere (`likelihood.two_weights`), or the
+scatter more (`likelihood.scores`), other weights lead elsewhere (`noise.two_weights`), or the
 ending brings an uncertainty of its own. The variance that
 is reported is that of the noise itself, not of its innovations.
 """
@@ -24,11 +24,11 @@ from tridentify.estimation.answer.estimate import Estimate, Nuisance, Status, Tr
 from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.likelihood.cost import Point
 from tridentify.estimation.likelihood.curvature import Curvature, degrees_of_freedom, output_rss
-from tridentify.estimation.likelihood.estimated_noise import estimated_noise
-from tridentify.estimation.likelihood.levenberg_marquardt import coefficients, mean_square
-from tridentify.estimation.likelihood.nuisance import Nuisances, reference_of
-from tridentify.estimation.likelihood.problem import Problem
-from tridentify.estimation.likelihood.two_weights import in_words
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import coefficients, mean_square
+from tridentify.estimation.likelihood.noise.estimated_noise import estimated_noise
+from tridentify.estimation.likelihood.noise.two_weights import in_words
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances, reference_of
+from tridentify.estimation.likelihood.setup.problem import Problem
 from tridentify.models.experiment import MIDDLING
 from tridentify.models.regression import Regression
 from tridentify.numerics.arrays import Array
@@ -77,7 +77,7 @@ class Ending:
         In place of that of the local curvature.
     moved : (n_coefficients,) array, optional
         Half of how far other weights lead, where that is more than chance
-        (`likelihood.two_weights`).
+        (`likelihood.noise.two_weights`).
     reacts : bool
         Whether the inputs hold past noise (the direct route).
     levels : tuple of (n_outputs,) arrays

@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tridentify.estimation.likelihood.bank import Bank
 from tridentify.estimation.likelihood.linear_fit import Linear
-from tridentify.estimation.likelihood.problem import LEAST_DAMPED, Problem, Variant
-from tridentify.estimation.likelihood.triangles import Triangles
+from tridentify.estimation.likelihood.setup.bank import Bank
+from tridentify.estimation.likelihood.setup.problem import LEAST_DAMPED, Problem, Variant
+from tridentify.estimation.likelihood.setup.triangles import Triangles
 from tridentify.models.columns import Layout
 from tridentify.numerics.arrays import Array, Complex
 
@@ -79,7 +79,7 @@ def fitted(
     known = given(base, variant)
     if known is None or known.is_shifted:
         return None
-    from tridentify.estimation.likelihood.compiled_fit import fit_there
+    from tridentify.estimation.likelihood.compiled.fit import fit_there
 
     flat, e = base.flat, base.experiments[0]
     assert flat is not None

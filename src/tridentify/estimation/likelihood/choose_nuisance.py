@@ -1,6 +1,6 @@
 """Which nuisance terms a record needs: every serious choice is finished, and AICc decides.
 
-At given poles one pass over the samples serves all choices (`likelihood.nuisance`), and a
+At given poles one pass over the samples serves all choices (`likelihood.setup.nuisance`), and a
 Gauss-Newton step predicts how far each would still fall. The most promising is finished on the
 output error; then the next one, as long as its prediction is below the lowest AICc reached.
 Predictions that turn out wrong are made anew at the poles just found. So the choice that is
@@ -25,17 +25,17 @@ from tridentify.estimation.likelihood.cost import (
     evaluate_variant,
     point_at,
 )
-from tridentify.estimation.likelihood.levenberg_marquardt import (
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import (
     Recorder,
     at_rounding,
     criterion,
     finishing,
 )
-from tridentify.estimation.likelihood.nuisance import Nuisances
-from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.likelihood.question import Question
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances
+from tridentify.estimation.likelihood.setup.problem import Problem, Variant
+from tridentify.estimation.likelihood.setup.triangles import Triangles
 from tridentify.estimation.likelihood.thresholds import EQUAL, TRUSTED
-from tridentify.estimation.likelihood.triangles import Triangles
 from tridentify.models.regression import Regression, regress
 from tridentify.numerics.arrays import Complex
 from tridentify.numerics.slices import Slices, drain

@@ -35,19 +35,19 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.estimation.likelihood.bank import Bank
 from tridentify.estimation.likelihood.charted import fitted
 from tridentify.estimation.likelihood.fitted_point import FittedPoint
 from tridentify.estimation.likelihood.held_poles import at_slow_limit, conditions, left_by
 from tridentify.estimation.likelihood.linear_fit import Linear
-from tridentify.estimation.likelihood.problem import LEAST_DAMPED, TOO_SLOW, Problem, Variant
+from tridentify.estimation.likelihood.setup.bank import Bank
+from tridentify.estimation.likelihood.setup.problem import LEAST_DAMPED, TOO_SLOW, Problem, Variant
+from tridentify.estimation.likelihood.setup.triangles import Triangles
 from tridentify.estimation.likelihood.step import (
     Bend,
     Decomposition,
     Proposal,
     decomposition_of,
 )
-from tridentify.estimation.likelihood.triangles import Triangles
 from tridentify.models.regression import Regression, regress
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.kept import cached_property
@@ -70,7 +70,7 @@ class Point(FittedPoint):
     @cached_property
     def seen(self) -> tuple[Array, Array, Decomposition]:
         """Scores, residual and decomposition, with nothing held."""
-        from tridentify.estimation.likelihood.compiled_cost import scores_at
+        from tridentify.estimation.likelihood.compiled.cost import scores_at
 
         triangles, linear, pattern = self.triangles, self.linear, self.problem.pattern
         bank = triangles.bank
@@ -263,7 +263,7 @@ class Point(FittedPoint):
         found = self._decomposition
         if not found.s[-1] > 0:
             return float("inf")
-        from tridentify.estimation.likelihood.compiled_cost import loosest
+        from tridentify.estimation.likelihood.compiled.cost import loosest
 
         root = found.vt.T / found.s / found.scale[:, None]
         root = root if found.basis is None else found.basis @ root
@@ -346,7 +346,7 @@ def evaluate_variant(
 
 def point_at(problem: Problem, triangles: Triangles) -> Point:
     """The best fit of all that is linear, where the triangles were made."""
-    from tridentify.estimation.likelihood.compiled_cost import fit_outputs
+    from tridentify.estimation.likelihood.compiled.cost import fit_outputs
 
     bank = triangles.bank
     found = fit_outputs(

@@ -4,7 +4,7 @@ With ``J`` the derivatives of the outputs, each divided by its noise standard de
 respect to every unknown (``alpha``, ``b``, free responses, offsets, drifts), ``cov = (J'
 J)^{-1}`` is the Cramer-Rao bound for white Gaussian noise of the estimated variance, and the
 covariance of the maximum-likelihood estimate for long records. It is formed from the SVD of
-``J`` with unit columns. Where the noise has a model (`likelihood.noise_model`), ``J`` is that of
+``J`` with unit columns. Where the noise has a model (`noise.noise_model`), ``J`` is that of
 the whitened outputs and the variance that of the innovations. ``a = c (1 + alpha X)`` and ``b / c =
 beta X + d`` are linear in the unknowns at ``c = a``, so the physical coefficients take it over by
 one matrix product.
@@ -19,7 +19,7 @@ import numpy as np
 from tridentify.errors import UnsupportedOrderError
 from tridentify.estimation.likelihood.cost import Point
 from tridentify.estimation.likelihood.fitted_point import ROUNDING_SQUARED
-from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import coefficients
 from tridentify.estimation.likelihood.scores import ScoreScatter, scatter_of_scores
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.kept import cached_property

@@ -12,10 +12,10 @@ from typing import Self
 
 import numpy as np
 
-from tridentify.estimation.likelihood.linear_columns import free_states, linear_blocks
 from tridentify.estimation.likelihood.linear_fit import Linear, OutputFit
-from tridentify.estimation.likelihood.problem import Problem
-from tridentify.estimation.likelihood.triangles import Triangles
+from tridentify.estimation.likelihood.setup.linear_columns import free_states, linear_blocks
+from tridentify.estimation.likelihood.setup.problem import Problem
+from tridentify.estimation.likelihood.setup.triangles import Triangles
 from tridentify.models.regression import LONG, Regression, response_of
 from tridentify.models.response import Branch, ColumnBlocks, FilteredResponse, Response
 from tridentify.numerics.arrays import Array, Complex
@@ -250,7 +250,7 @@ class FittedPoint:
     @cached_property
     def _moves(self) -> tuple[Array, Array]:
         """How each unknown of `jacobian` moves the outputs, and these, as columns make them."""
-        from tridentify.estimation.likelihood.compiled_cost import moves_at
+        from tridentify.estimation.likelihood.compiled.cost import moves_at
 
         triangles, linear, bank = self.triangles, self.linear, self.triangles.bank
         a, b, _ = bank.cascade

@@ -13,8 +13,8 @@ import numpy as np
 
 from tridentify.estimation.likelihood.fitted_point import ROUNDING_SQUARED
 from tridentify.estimation.likelihood.literal import Literal, Rests, fit_rests
-from tridentify.estimation.likelihood.nuisance import Nuisances
-from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances
+from tridentify.estimation.likelihood.setup.problem import Problem
 from tridentify.models.regression import Regression, regress
 from tridentify.models.response import Response
 from tridentify.numerics.arrays import Array, Complex
@@ -99,7 +99,7 @@ class HeldModel:
 
     @cached_property
     def criterion(self) -> float:
-        """AICc of the output error, as in `likelihood.levenberg_marquardt.criterion`."""
+        """AICc of the output error, as in `likelihood.minimum.levenberg_marquardt.criterion`."""
         problem, n = self.problem, float(self.counts.sum())
         k = problem.n_coefficients + problem.n_nuisance + problem.n_outputs
         return float(self.counts @ np.log(self.variance)) + aicc_price(float(k), n)

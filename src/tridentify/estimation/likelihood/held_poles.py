@@ -19,7 +19,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.estimation.likelihood.problem import LEAST_DAMPED
+from tridentify.estimation.likelihood.setup.problem import LEAST_DAMPED
 from tridentify.models.response import Branch
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.realization import APART

@@ -16,8 +16,8 @@ import numpy as np
 from tridentify.estimation.answer.assemble import Request, Solved, assemble
 from tridentify.estimation.answer.estimate import Estimate, Nuisance, Status, Trace
 from tridentify.estimation.likelihood.answer import fit_percent, free_after, model_of
-from tridentify.estimation.likelihood.nuisance import Nuisances, reference_of
-from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances, reference_of
+from tridentify.estimation.likelihood.setup.problem import Problem
 from tridentify.models.regression import Regression
 from tridentify.models.response import Response, nuisance_blocks
 from tridentify.numerics.arrays import Array, Complex

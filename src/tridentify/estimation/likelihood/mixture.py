@@ -47,8 +47,12 @@ import numpy as np
 
 from tridentify.estimation.likelihood.cost import Point, evaluate
 from tridentify.estimation.likelihood.curvature import Curvature
-from tridentify.estimation.likelihood.levenberg_marquardt import at_rounding, coefficients, finish
-from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import (
+    at_rounding,
+    coefficients,
+    finish,
+)
+from tridentify.estimation.likelihood.setup.problem import Problem
 from tridentify.estimation.likelihood.thresholds import (
     LEAST_MASS,
     NEAR,

@@ -11,9 +11,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from tridentify.estimation.likelihood.cost import Point
-from tridentify.estimation.likelihood.levenberg_marquardt import Patience
-from tridentify.estimation.likelihood.nuisance import Nuisances, build, build_base, candidates
-from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import Patience
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances, build, build_base, candidates
+from tridentify.estimation.likelihood.setup.problem import Problem, Variant
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 from tridentify.structure import Structure

@@ -298,7 +298,7 @@ def _joined(series: Sequence[Array]) -> Array:
 
 def _scatter_along(g: Array, innovations: Array, own: int) -> ScoreScatter | None:
     """The largest scatter over blocks of neighbouring rows; None where chance explains all."""
-    from tridentify.estimation.likelihood.compiled_scatter import scatter_at
+    from tridentify.estimation.likelihood.compiled.scatter import scatter_at
 
     weight = np.einsum("toi,toi->t", g, g)
     k, used = g.shape[2], int(np.count_nonzero(weight > 0))

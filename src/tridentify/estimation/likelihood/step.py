@@ -85,7 +85,7 @@ def decomposition_of(scores: Array, residual: Array, basis: Array, held: str = "
     held : str
         What is to be said of those that are left out.
     """
-    from tridentify.estimation.likelihood.compiled_cost import decomposed
+    from tridentify.estimation.likelihood.compiled.cost import decomposed
 
     own = np.ascontiguousarray(scores @ basis)
     return Decomposition(basis, *decomposed(own, residual), held)

@@ -26,7 +26,7 @@ from tridentify.errors import (
     shown,
 )
 from tridentify.estimation.answer.estimate import Estimate
-from tridentify.estimation.likelihood.problem import states_of
+from tridentify.estimation.likelihood.setup.problem import states_of
 from tridentify.estimation.methods.capability import Capability, refuse_unsupported
 from tridentify.numerics.arrays import Array
 from tridentify.record.checks.scales import (

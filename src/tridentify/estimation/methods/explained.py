@@ -12,7 +12,7 @@ from tridentify.estimation.answer.loop_taken import LoopTaken
 from tridentify.estimation.closed_loop.between_samples import Loop, Sampling
 from tridentify.estimation.closed_loop.driven import driven
 from tridentify.estimation.closed_loop.known_controller import known_loop
-from tridentify.estimation.methods.passes import without_rest
+from tridentify.estimation.methods.by_reference.passes import without_rest
 from tridentify.record.record import Record
 
 

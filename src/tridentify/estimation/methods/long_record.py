@@ -7,7 +7,7 @@ stretch of the record gave, and from those of the record averaged over blocks; t
 over all samples is followed. At the end steps are taken as they are, while each promises less than
 the one before: over so many samples differences of the cost itself drown in its rounding.
 
-A reading holds every choice of nuisance terms (`likelihood.nuisance`), so the choice costs none of
+A reading holds every choice of nuisance terms (`setup.nuisance`), so the choice costs none of
 its own.
 """
 
@@ -26,16 +26,21 @@ from tridentify.estimation.answer.estimate import Estimate, Status, Trace
 from tridentify.estimation.likelihood.answer import Ending, solved_at
 from tridentify.estimation.likelihood.choose_nuisance import Finished, decisions_in_words
 from tridentify.estimation.likelihood.cost import Point, bank_of, evaluate_variant
-from tridentify.estimation.likelihood.levenberg_marquardt import (
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import (
     Patience,
     Recorder,
     criterion,
     finish,
 )
-from tridentify.estimation.likelihood.linear_columns import linear_blocks
-from tridentify.estimation.likelihood.nuisance import SLACK, Nuisances, open_choices, reference_of
-from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.likelihood.question import Say
+from tridentify.estimation.likelihood.setup.linear_columns import linear_blocks
+from tridentify.estimation.likelihood.setup.nuisance import (
+    SLACK,
+    Nuisances,
+    open_choices,
+    reference_of,
+)
+from tridentify.estimation.likelihood.setup.problem import Problem, Variant
 from tridentify.estimation.likelihood.thresholds import TRUSTED
 from tridentify.models.chunked import ChunkedExperiment, Parts
 from tridentify.models.regression import Regression, regress

@@ -5,7 +5,7 @@ so its least squares are the maximum-likelihood estimate for Gaussian noise (Lju
 7.4; in flight testing Jategaonkar 2015). For a given denominator the output is linear in the
 numerators and in the nuisance terms, so only the poles are iterated (variable projection; Golub &
 Pereyra 1973), by Levenberg-Marquardt on the exact derivatives (`likelihood.cost`,
-`likelihood.levenberg_marquardt`).
+`likelihood.minimum.levenberg_marquardt`).
 
 The cost is not convex in ``a``: the end depends on the start, and this method has a single one.
 That is either a model that the user gives, of which only the denominator matters, or the
@@ -31,23 +31,26 @@ from tridentify.estimation.answer.estimate import Estimate, Start, Step, Trace
 from tridentify.estimation.likelihood.answer import Ending, estimate_from
 from tridentify.estimation.likelihood.choose_nuisance import decide
 from tridentify.estimation.likelihood.cost import evaluate_variant
-from tridentify.estimation.likelihood.levenberg_marquardt import (
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import (
     Patience,
     Recorder,
     coefficients,
     mean_square,
 )
-from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.likelihood.question import Question, silently
+from tridentify.estimation.likelihood.setup.problem import Problem, Variant
 from tridentify.estimation.likelihood.thresholds import SETTLED
+from tridentify.estimation.methods.around_maximum.constrained import within_constraints
+from tridentify.estimation.methods.around_maximum.delays import over_delays
+from tridentify.estimation.methods.around_maximum.levels import (
+    at_own_levels,
+    constrained_at_own_levels,
+)
+from tridentify.estimation.methods.around_maximum.maximum import Reached
+from tridentify.estimation.methods.around_maximum.robust import check_loss, robust_estimate
 from tridentify.estimation.methods.base import Progress, check, check_count, check_tolerance
 from tridentify.estimation.methods.capability import EVERYTHING, Capability
-from tridentify.estimation.methods.constrained import within_constraints
-from tridentify.estimation.methods.delays import over_delays
 from tridentify.estimation.methods.filtered.svf_least_squares import least_squares
-from tridentify.estimation.methods.levels import at_own_levels, constrained_at_own_levels
-from tridentify.estimation.methods.maximum import Reached
-from tridentify.estimation.methods.robust import check_loss, robust_estimate
 from tridentify.estimation.search.delays import Located
 from tridentify.estimation.search.starts import discrete_poles, laguerre_starts
 from tridentify.numerics.arrays import Complex

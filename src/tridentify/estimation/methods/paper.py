@@ -33,8 +33,8 @@ from tridentify.estimation.answer.trace import pairs
 from tridentify.estimation.likelihood.cost import evaluate
 from tridentify.estimation.likelihood.held_model import with_rests
 from tridentify.estimation.likelihood.literal import Literal, Rests, literal_estimate
-from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidates
-from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances, build, candidates
+from tridentify.estimation.likelihood.setup.problem import Problem
 from tridentify.estimation.likelihood.thresholds import SAME_END
 from tridentify.estimation.methods.base import Progress, check, check_count
 from tridentify.estimation.methods.capability import Capability

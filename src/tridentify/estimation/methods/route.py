@@ -24,7 +24,7 @@ from tridentify.errors import OptionError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.closed_loop.moving import any_moves, refuse_still
-from tridentify.estimation.likelihood.noise_model import NoiseChoice
+from tridentify.estimation.likelihood.noise.noise_model import NoiseChoice
 from tridentify.record.record import Record
 
 Route = Literal["auto", "open-loop", "reference", "direct"]

@@ -19,7 +19,7 @@ needs is decided by AICc among the choices that the structure leaves open.
 Where the record is short and noisy, the end is the mean over the posterior (`posterior.mean`).
 
 Where the residual is not white, the noise gets an autoregressive model and all steps are repeated
-on whitened samples (`likelihood.noise_model`).
+on whitened samples (`likelihood.noise.noise_model`).
 
 Where something is known of the coefficients, all this is the search; the end is the maximum of the
 likelihood (and of the priors) within the constraints (`knowledge`).
@@ -36,23 +36,26 @@ from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Trace
 from tridentify.estimation.answer.trace import Awaited, Pass
 from tridentify.estimation.likelihood.answer import Ending, estimate_from
-from tridentify.estimation.likelihood.levenberg_marquardt import Patience, Recorder
-from tridentify.estimation.likelihood.noise_model import NoiseChoice, check_noise
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import Patience, Recorder
+from tridentify.estimation.likelihood.noise.noise_model import NoiseChoice, check_noise
 from tridentify.estimation.likelihood.question import Question, silently
-from tridentify.estimation.likelihood.raster import on_raster
+from tridentify.estimation.likelihood.setup.raster import on_raster
 from tridentify.estimation.likelihood.thresholds import SETTLED
+from tridentify.estimation.methods.around_maximum.constrained import within_constraints
+from tridentify.estimation.methods.around_maximum.delays import over_delays
+from tridentify.estimation.methods.around_maximum.levels import (
+    at_own_levels,
+    constrained_at_own_levels,
+)
+from tridentify.estimation.methods.around_maximum.maximum import Maximum, Reached, maximum, nearby
+from tridentify.estimation.methods.around_maximum.noise import with_noise_model
+from tridentify.estimation.methods.around_maximum.robust import check_loss, robust_estimate
 from tridentify.estimation.methods.base import Progress, check, check_count, check_tolerance
+from tridentify.estimation.methods.by_reference.controller_kind import Controller, check_controller
+from tridentify.estimation.methods.by_reference.reference import reference_estimate
 from tridentify.estimation.methods.capability import EVERYTHING, Capability
-from tridentify.estimation.methods.constrained import within_constraints
-from tridentify.estimation.methods.controller_kind import Controller, check_controller
-from tridentify.estimation.methods.delays import over_delays
-from tridentify.estimation.methods.levels import at_own_levels, constrained_at_own_levels
-from tridentify.estimation.methods.maximum import Maximum, Reached, maximum, nearby
-from tridentify.estimation.methods.noise import with_noise_model
 from tridentify.estimation.methods.output_error import OutputError
 from tridentify.estimation.methods.paper import as_printed
-from tridentify.estimation.methods.reference import reference_estimate
-from tridentify.estimation.methods.robust import check_loss, robust_estimate
 from tridentify.estimation.methods.route import (
     Route,
     by_reference,
@@ -92,13 +95,13 @@ class ThreeModel:
     noise : {"auto", "white", "ar"}
         What the measurement noise is taken for: white, of one level in all experiments;
         autoregressive; or what a test of the residual says. With the last two experiments of
-        different noise have levels of their own (`likelihood.noise_levels`).
+        different noise have levels of their own (`likelihood.noise.noise_levels`).
     finish : {"auto", "likelihood", "posterior"}
         Where to end: on the likelihood's maximum, on the posterior mean, or on the latter where
         the record is too short and noisy for the former (`posterior.maximum_or_mean`).
     loss : {"squared", "huber", "student"}
         What is minimised: squares, for Gaussian noise; Huber's loss or the likelihood of Student's
-        distribution, for records with outliers or noise with heavy tails (`methods.robust`). The
+        distribution, for records with outliers or noise with heavy tails (`robust`). The
         noise is then taken as white, and the end is the minimum of the loss.
     tolerance : float
         The end is reached when the next step promises to lower ``-2 log L`` by less. Coefficients
@@ -114,7 +117,7 @@ class ThreeModel:
         Unknown, it is what explains a record that is stated to be held. A linear controller ``C``
         that is known may be given, as of ``u = r - C y`` or ``u = C (r - y)``: the estimate is
         then the maximum of the likelihood of the loop's noise, if the record does not speak against
-        it (`methods.given_controller`).
+        it (`methods.by_reference.given_controller`).
 
     References
     ----------

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.setup.problem import Problem
 from tridentify.estimation.posterior.many_cascades import coordinates, phi_of_a
 from tridentify.estimation.posterior.sampling import (
     Box,

@@ -19,9 +19,13 @@ from tridentify.estimation.answer.trace import (
 from tridentify.estimation.likelihood.answer import Ending, Spread
 from tridentify.estimation.likelihood.cost import Point, evaluate
 from tridentify.estimation.likelihood.curvature import output_rss
-from tridentify.estimation.likelihood.levenberg_marquardt import Recorder, at_rounding, coefficients
-from tridentify.estimation.likelihood.problem import Variant
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import (
+    Recorder,
+    at_rounding,
+    coefficients,
+)
 from tridentify.estimation.likelihood.scores import ScoreScatter
+from tridentify.estimation.likelihood.setup.problem import Variant
 from tridentify.estimation.likelihood.thresholds import RIVAL
 from tridentify.estimation.posterior.mean import (
     VAGUE,

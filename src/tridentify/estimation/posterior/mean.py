@@ -49,7 +49,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from tridentify.estimation.likelihood.cost import evaluate
-from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.setup.problem import Problem
 from tridentify.estimation.posterior.first_draws import SEVERAL, first_draws
 from tridentify.estimation.posterior.many_cascades import Sections, coordinates
 from tridentify.estimation.posterior.sampling import (

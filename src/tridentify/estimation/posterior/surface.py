@@ -37,7 +37,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.setup.problem import Problem
 from tridentify.estimation.posterior.many_cascades import (
     Sections,
     degree_bases,

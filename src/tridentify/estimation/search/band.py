@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.setup.problem import Problem
 from tridentify.numerics.arrays import Complex
 from tridentify.numerics.realization import sort_poles
 

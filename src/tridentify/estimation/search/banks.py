@@ -9,7 +9,7 @@ import numpy as np
 
 from tridentify.estimation.likelihood.charted import given
 from tridentify.estimation.likelihood.fitted_point import FLOOR
-from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.likelihood.setup.problem import Problem, Variant
 from tridentify.models.columns import Layout
 from tridentify.models.regression import held_states, stacks_on
 from tridentify.numerics.arrays import Array, Complex, Indices

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from tridentify.estimation.likelihood.compiled_fit import CHARTS, SHAPE, fit_there, weigh_outputs
-from tridentify.estimation.likelihood.compiled_roots import led_to
+from tridentify.estimation.likelihood.compiled.fit import CHARTS, SHAPE, fit_there, weigh_outputs
+from tridentify.estimation.likelihood.compiled.roots import led_to
 from tridentify.models.compiled_steps import adapted_steps
 from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.numerics.compiled import compiled

@@ -4,7 +4,7 @@ Step 1, then Step 2 through a filter of its own for each denominator (`models.se
 derives it), and balanced truncation. The filters' poles are among the bank's, not its first ones,
 so the filter's answer to what drives it is solved for on the whole bank.
 
-Arguments are those of `estimation.likelihood.compiled_cost`.
+Arguments are those of `estimation.likelihood.compiled.cost`.
 """
 
 from __future__ import annotations

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from tridentify.estimation.likelihood.compiled_cost import fill_columns, unknowns
-from tridentify.estimation.likelihood.compiled_fit import CHARTS, SHAPE, triangles_there
+from tridentify.estimation.likelihood.compiled.cost import fill_columns, unknowns
+from tridentify.estimation.likelihood.compiled.fit import CHARTS, SHAPE, triangles_there
 from tridentify.numerics.arrays import Array, Complex, Flags, Indices
 from tridentify.numerics.compiled import compiled
 from tridentify.numerics.kernels.cascades import fill_basis, fill_cascade

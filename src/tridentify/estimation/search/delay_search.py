@@ -10,7 +10,7 @@ looked at as a whole before anything is refined.
    near the delay, whatever the poles. With several inputs one delay is taken along the grid at a
    time, the others held, beginning from what is best for all in common.
 2. *Low order.* At the lowest places the poles are searched (`search.search`), and poles and
-   delays are refined together (`likelihood.levenberg_marquardt`).
+   delays are refined together (`likelihood.minimum.levenberg_marquardt`).
 3. *Away from there.* With the poles held the reduced cost is taken along each delay, and other
    minima that come near it are followed. Nearer by, where a delay can be traded for poles and
    zeros and the cost of a held input has a kink at every step, poles and delays are refined anew
@@ -41,10 +41,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.estimation.likelihood.cost import Point, evaluate
-from tridentify.estimation.likelihood.held_past import held_before
-from tridentify.estimation.likelihood.levenberg_marquardt import criterion, finish
-from tridentify.estimation.likelihood.nuisance import SLACK, Nuisances, build
-from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import criterion, finish
+from tridentify.estimation.likelihood.setup.held_past import held_before
+from tridentify.estimation.likelihood.setup.nuisance import SLACK, Nuisances, build
+from tridentify.estimation.likelihood.setup.problem import Problem
 from tridentify.estimation.likelihood.thresholds import EQUAL, HELPED, NEAR, PLAUSIBLE
 from tridentify.estimation.search.band import rate_limits
 from tridentify.estimation.search.following import Search

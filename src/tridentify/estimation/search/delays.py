@@ -18,9 +18,9 @@ from tridentify.errors import ConstantInputError, UnsupportedError
 from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.likelihood.answer import Ending, Spread
 from tridentify.estimation.likelihood.cost import evaluate
-from tridentify.estimation.likelihood.held_past import at_rest
 from tridentify.estimation.likelihood.mixture import mixture
-from tridentify.estimation.likelihood.nuisance import first_explained
+from tridentify.estimation.likelihood.setup.held_past import at_rest
+from tridentify.estimation.likelihood.setup.nuisance import first_explained
 from tridentify.estimation.search.delay_search import ROOM, STRETCHES, DelayPlace
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.correlation import products_at_shifts

@@ -30,7 +30,7 @@ import numpy as np
 
 from tridentify.estimation.answer.estimate import Pass, Start
 from tridentify.estimation.likelihood.cost import Point, evaluate_variant
-from tridentify.estimation.likelihood.levenberg_marquardt import (
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import (
     Recorder,
     at_rounding,
     coefficients,
@@ -38,8 +38,8 @@ from tridentify.estimation.likelihood.levenberg_marquardt import (
     finishing,
     mean_square,
 )
-from tridentify.estimation.likelihood.noise_model import leaves_coloured_noise
-from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.likelihood.noise.noise_model import leaves_coloured_noise
+from tridentify.estimation.likelihood.setup.problem import Problem, Variant
 from tridentify.estimation.likelihood.thresholds import ALLOWANCE, EQUAL, HELPED, NEAR, WORTHWHILE
 from tridentify.estimation.search.band import rate_limits, relocated_poles
 from tridentify.estimation.search.found import (

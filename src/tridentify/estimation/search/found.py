@@ -9,8 +9,8 @@ import numpy as np
 
 from tridentify.estimation.answer.estimate import Pass, Start
 from tridentify.estimation.likelihood.cost import Point
-from tridentify.estimation.likelihood.levenberg_marquardt import Recorder
-from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import Recorder
+from tridentify.estimation.likelihood.setup.problem import Problem, Variant
 from tridentify.estimation.likelihood.thresholds import EQUAL
 from tridentify.estimation.search.one_mode_moved import Move
 from tridentify.models.regression import Regression

@@ -27,8 +27,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from tridentify.estimation.likelihood.nuisance import Nuisances, build
-from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances, build
+from tridentify.estimation.likelihood.setup.problem import Problem
 from tridentify.estimation.search.band import SPREAD_DAMPING, rate_limits, spread_poles
 from tridentify.models.regression import Layout, response_of
 from tridentify.numerics.arrays import Array, Complex, Flags

@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.likelihood.setup.problem import Problem, Variant
 from tridentify.estimation.search.band import rate_limits
 from tridentify.estimation.search.banks import costs
 from tridentify.numerics.arrays import Array, Complex

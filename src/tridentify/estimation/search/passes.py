@@ -7,7 +7,7 @@ noise-free output with ``c = a_hat`` and gives the next ``a_hat``. The passes en
 output-error cost stops falling.
 
 A fixed point of these passes solves instrumental-variable equations close to, but for a finite
-record not equal to, those of the output-error minimum; `likelihood.levenberg_marquardt` ends there.
+record not equal to, those of the output-error minimum; `minimum.levenberg_marquardt` ends there.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from tridentify.estimation.answer.estimate import Pass, Step
 from tridentify.estimation.answer.trace import pairs
 from tridentify.estimation.likelihood.charted import Given, given, limits_of
 from tridentify.estimation.likelihood.cost import Point, evaluate_variant
-from tridentify.estimation.likelihood.descent import TOGETHER
 from tridentify.estimation.likelihood.fitted_point import FLOOR, ROUNDING_SQUARED
-from tridentify.estimation.likelihood.levenberg_marquardt import (
+from tridentify.estimation.likelihood.minimum.descent import TOGETHER
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import (
     Recorder,
     at_rounding,
     coefficients,
     mean_square,
 )
-from tridentify.estimation.likelihood.problem import (
+from tridentify.estimation.likelihood.setup.problem import (
     REFLECTED,
     TOO_FAST,
     TOO_SLOW,

@@ -16,10 +16,10 @@ import numpy as np
 
 from tridentify.estimation.answer.estimate import Pass, Start
 from tridentify.estimation.likelihood.cost import Point, evaluate_variant
-from tridentify.estimation.likelihood.levenberg_marquardt import Recorder, criterion, finish
-from tridentify.estimation.likelihood.nuisance import Nuisances
-from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import Recorder, criterion, finish
 from tridentify.estimation.likelihood.question import Question
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances
+from tridentify.estimation.likelihood.setup.problem import Problem, Variant
 from tridentify.estimation.likelihood.thresholds import CLEARLY, PLAUSIBLE, WORTHWHILE
 from tridentify.estimation.search.band import SLOW_EDGE
 from tridentify.estimation.search.following import CERTAIN, Search, explained

@@ -22,7 +22,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.likelihood.setup.problem import Problem, Variant
 from tridentify.models.regression import Experiment
 from tridentify.numerics.arrays import Array
 from tridentify.record.checks.times import typical_step

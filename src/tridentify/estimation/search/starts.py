@@ -33,7 +33,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.likelihood.setup.problem import Problem, Variant
 from tridentify.estimation.search.band import SPREAD_DAMPING, rate_limits, spread_poles
 from tridentify.estimation.search.banks import Banks, kept_columns, shifts
 from tridentify.numerics.arrays import Array, Complex

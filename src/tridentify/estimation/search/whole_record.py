@@ -14,10 +14,14 @@ from tridentify.estimation.likelihood.cost import (
     evaluate_variant,
     point_at,
 )
-from tridentify.estimation.likelihood.levenberg_marquardt import Recorder, at_rounding, finish
-from tridentify.estimation.likelihood.noise_model import TESTED
-from tridentify.estimation.likelihood.problem import Problem, Variant
-from tridentify.estimation.likelihood.triangles import Triangles
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import (
+    Recorder,
+    at_rounding,
+    finish,
+)
+from tridentify.estimation.likelihood.noise.noise_model import TESTED
+from tridentify.estimation.likelihood.setup.problem import Problem, Variant
+from tridentify.estimation.likelihood.setup.triangles import Triangles
 from tridentify.estimation.search.found import End
 from tridentify.estimation.search.stand_ins import SMALL, free_variant, is_usable, window
 from tridentify.models.regression import regress

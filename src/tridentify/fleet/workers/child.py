@@ -23,7 +23,7 @@ from typing import Any, BinaryIO
 
 from tridentify.fleet.workers.job import Item, Job, Limits
 from tridentify.numerics.threads import one_blas_thread
-from tridentify.record.formats.isolated import limit_memory, silenced
+from tridentify.record.formats.apart.isolated import limit_memory, silenced
 
 SPARE_SECONDS = 60.0
 """Processor time beyond four times the limit after which the system itself ends this process [s].

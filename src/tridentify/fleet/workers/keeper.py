@@ -21,8 +21,8 @@ from typing import Any
 from tridentify.errors import TridentifyError, shown
 from tridentify.fleet.workers.job import CRASHED, OVER_TIME, Item, Job, Limits, Outcome
 from tridentify.numerics.threads import THREADS
-from tridentify.record.formats.child_process import ChildProcess
-from tridentify.record.formats.isolation import ENVIRONMENT
+from tridentify.record.formats.apart.child_process import ChildProcess
+from tridentify.record.formats.apart.isolation import ENVIRONMENT
 
 ONE_THREAD = dict.fromkeys((*THREADS, "NUMBA_NUM_THREADS", "POLARS_MAX_THREADS"), "1")
 """There is one worker a core; a second thread in it would only fight for another worker's core, and

@@ -18,8 +18,8 @@ import numpy as np
 
 from tridentify.judgement.advice.frequency import FrequencyResponse
 from tridentify.judgement.advice.seen import PART
-from tridentify.judgement.causes.direct_part import has_direct_part
-from tridentify.judgement.causes.parallel import (
+from tridentify.judgement.causes.attempts.direct_part import has_direct_part
+from tridentify.judgement.causes.attempts.parallel import (
     Parallel,
     WhitenedFit,
     p_value,

@@ -10,7 +10,7 @@ from typing import Any
 from tridentify.estimation.answer.finding import Finding
 from tridentify.judgement.advice.frequency import FrequencyResponse
 from tridentify.judgement.advice.seen import DelaySeen
-from tridentify.judgement.causes.intersample import TIE
+from tridentify.judgement.causes.attempts.intersample import TIE
 from tridentify.record.checks.samples import Behaviour
 from tridentify.writing.layout import html_table
 

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from tridentify.errors import TridentifyError
-from tridentify.judgement.causes.intersample import BEHAVIOURS, is_staircase
-from tridentify.judgement.causes.parallel import Parallel, WhitenedFit, p_value
-from tridentify.judgement.causes.surprises import moved, small_surprises
+from tridentify.judgement.causes.attempts.intersample import BEHAVIOURS, is_staircase
+from tridentify.judgement.causes.attempts.parallel import Parallel, WhitenedFit, p_value
+from tridentify.judgement.causes.signals.surprises import moved, small_surprises
 from tridentify.numerics.arrays import Array
 from tridentify.record.checks.samples import Behaviour, looks_measured
 from tridentify.record.checks.times import typical_step
@@ -214,7 +214,7 @@ def feedback_seen(parallel: Parallel, fit: WhitenedFit) -> float:
     -----
     Where past inputs explain more beside the operators, what is left is no noise but a response
     that the operators miss, and later inputs, which resemble past ones, may stand in for it. Only
-    what their past does not tell of them counts, and of that the small moves (`causes.surprises`):
+    what their past does not tell of them counts, and of that the small moves (`signals.surprises`):
     an input that has none was commanded.
     """
     surprises = small_surprises(parallel.records)

@@ -36,10 +36,10 @@ from tridentify.judgement.advice.seen import (
     feedback_seen,
 )
 from tridentify.judgement.advice.slow import drift_seen, wanders
-from tridentify.judgement.causes.first_samples import beginning
-from tridentify.judgement.causes.intersample import AUTO, CLEARLY, IN_WORDS, needed_fall
+from tridentify.judgement.causes.attempts.first_samples import beginning
+from tridentify.judgement.causes.attempts.intersample import AUTO, CLEARLY, IN_WORDS, needed_fall
 from tridentify.judgement.causes.past_outputs import told_by_past, told_finding
-from tridentify.judgement.causes.wild_beginning import without_wild_beginning
+from tridentify.judgement.causes.signals.wild_beginning import without_wild_beginning
 from tridentify.judgement.cautions.sensors import seen_in
 from tridentify.judgement.cautions.tones import tone_finding
 from tridentify.judgement.selection import hankel_values
@@ -120,7 +120,7 @@ def advise(records: Record | Sequence[Record]) -> Advice:
 
     Notes
     -----
-    No structure is assumed: a bank of fixed operators (`causes.parallel`) stands for the system,
+    No structure is assumed: a bank of fixed operators (`attempts.parallel`) stands for the system,
     and `frequency_response` looks at it without any. What needs a model to be seen (a plant that
     changes, an order too low) is for `validate`. The first 4,000 samples of each record are looked
     at, the first 20,000 for the frequency response.

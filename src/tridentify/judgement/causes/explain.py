@@ -11,36 +11,23 @@ from dataclasses import replace
 
 import numpy as np
 
-from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
-from tridentify.judgement.causes.attempt import Attempt, promise
-from tridentify.judgement.causes.backlash import backlash_rivals
-from tridentify.judgement.causes.both import both_rivals
-from tridentify.judgement.causes.both_ways_filtered import both_ways_rivals
-from tridentify.judgement.causes.breaks import break_rivals
-from tridentify.judgement.causes.clocks import clock_rivals
-from tridentify.judgement.causes.delay import delay_rivals, is_later, neighbours, shifted
-from tridentify.judgement.causes.explanation import (
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import coefficients
+from tridentify.judgement.causes.attempts.attempt import Attempt, promise
+from tridentify.judgement.causes.attempts.explanation import (
     AS_MUCH,
     CLEARLY,
     Explanation,
     Explanations,
 )
-from tridentify.judgement.causes.feedback import reacts
-from tridentify.judgement.causes.fitted import attempted, explanation_of, fitted, from_end
-from tridentify.judgement.causes.gains import gain_rivals
-from tridentify.judgement.causes.input_floor import floor_rivals
-from tridentify.judgement.causes.intersample import (
+from tridentify.judgement.causes.attempts.feedback import reacts
+from tridentify.judgement.causes.attempts.intersample import (
     AUTO,
     BEHAVIOURS,
     IN_WORDS,
     is_staircase,
 )
-from tridentify.judgement.causes.lost import Place, lost_rivals
-from tridentify.judgement.causes.odd_experiment import MOST, apart_rivals, single_rivals
-from tridentify.judgement.causes.periodic import periodic_rivals
-from tridentify.judgement.causes.present import Present
-from tridentify.judgement.causes.pulses import level_rivals, pulse_rivals
-from tridentify.judgement.causes.rivals import (
+from tridentify.judgement.causes.attempts.present import Present
+from tridentify.judgement.causes.attempts.rivals import (
     DISAGREEING,
     Rival,
     drift_rivals,
@@ -49,10 +36,23 @@ from tridentify.judgement.causes.rivals import (
     order_rivals,
     varying_rivals,
 )
-from tridentify.judgement.causes.saturation import saturation_rivals
-from tridentify.judgement.causes.slow import slow_rivals
-from tridentify.judgement.causes.slow_input import slow_input_rivals
-from tridentify.judgement.causes.timing import early_rivals, wandering_rivals
+from tridentify.judgement.causes.fitted import attempted, explanation_of, fitted, from_end
+from tridentify.judgement.causes.sensors.both_ways_filtered import both_ways_rivals
+from tridentify.judgement.causes.sensors.breaks import break_rivals
+from tridentify.judgement.causes.sensors.input_floor import floor_rivals
+from tridentify.judgement.causes.sensors.lost import Place, lost_rivals
+from tridentify.judgement.causes.sensors.pulses import level_rivals, pulse_rivals
+from tridentify.judgement.causes.sensors.saturation import saturation_rivals
+from tridentify.judgement.causes.system.backlash import backlash_rivals
+from tridentify.judgement.causes.system.gains import gain_rivals
+from tridentify.judgement.causes.system.odd_experiment import MOST, apart_rivals, single_rivals
+from tridentify.judgement.causes.system.periodic import periodic_rivals
+from tridentify.judgement.causes.system.slow import slow_rivals
+from tridentify.judgement.causes.timing.both import both_rivals
+from tridentify.judgement.causes.timing.clocks import clock_rivals
+from tridentify.judgement.causes.timing.delay import delay_rivals, is_later, neighbours, shifted
+from tridentify.judgement.causes.timing.shifts import early_rivals, wandering_rivals
+from tridentify.judgement.causes.timing.slow_input import slow_input_rivals
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import fit_autoregression
 from tridentify.numerics.interpolation import FEWEST

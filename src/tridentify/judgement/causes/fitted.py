@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from tridentify.errors import TridentifyError
-from tridentify.judgement.causes.attempt import ROUNDING, ROUNDS, Attempt, attempt
-from tridentify.judgement.causes.explanation import Explanation
-from tridentify.judgement.causes.present import Present
-from tridentify.judgement.causes.rivals import Rival
+from tridentify.judgement.causes.attempts.attempt import ROUNDING, ROUNDS, Attempt, attempt
+from tridentify.judgement.causes.attempts.explanation import Explanation
+from tridentify.judgement.causes.attempts.present import Present
+from tridentify.judgement.causes.attempts.rivals import Rival
 from tridentify.numerics.information import aicc_price
 
 

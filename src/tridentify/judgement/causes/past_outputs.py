@@ -1,6 +1,6 @@
 """Whether past outputs forecast what an input does next, beside its own past: feedback.
 
-`causes.feedback` looks at what inputs to come explain of an output's residual. A servo or a hand
+`attempts.feedback` looks at what inputs to come explain of an output's residual. A servo or a hand
 answers late and slowly, and of a plant that cannot stand by itself the residual is that of a model
 which is none (the inverse of the controller), so that nothing is left to be explained. Then the
 other direction tells: without feedback the past of an output holds nothing about the input that the
@@ -30,9 +30,9 @@ from typing import NamedTuple
 import numpy as np
 
 from tridentify.estimation.answer.finding import Finding
-from tridentify.judgement.causes.feedback import Inputs
-from tridentify.judgement.causes.input_floor import carries_noise
-from tridentify.judgement.causes.surprises import moved
+from tridentify.judgement.causes.attempts.feedback import Inputs
+from tridentify.judgement.causes.sensors.input_floor import carries_noise
+from tridentify.judgement.causes.signals.surprises import moved
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.lagrange import added, span
 from tridentify.record.record import Record

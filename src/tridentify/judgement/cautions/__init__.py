@@ -13,17 +13,17 @@ import numpy as np
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import SEVERITIES, Finding, joined, same_thing
 from tridentify.estimation.likelihood.answer import kept_point
-from tridentify.judgement.causes.at_once import gain_findings
-from tridentify.judgement.causes.fewer import order_findings
-from tridentify.judgement.causes.first_samples import Predictions
-from tridentify.judgement.causes.intersample import (
+from tridentify.judgement.causes.attempts.at_once import gain_findings
+from tridentify.judgement.causes.attempts.fewer import order_findings
+from tridentify.judgement.causes.attempts.first_samples import Predictions
+from tridentify.judgement.causes.attempts.intersample import (
     Behaviours,
     intersample_findings,
     is_clearly_better,
 )
-from tridentify.judgement.causes.revisit import stated
-from tridentify.judgement.causes.rivals import ALONG
-from tridentify.judgement.causes.told_apart import loop_findings
+from tridentify.judgement.causes.attempts.revisit import stated
+from tridentify.judgement.causes.attempts.rivals import ALONG
+from tridentify.judgement.causes.attempts.told_apart import loop_findings
 from tridentify.judgement.cautions.coefficients import coefficient_findings
 from tridentify.judgement.cautions.levels import level_findings
 from tridentify.judgement.cautions.opposite import opposite_findings

@@ -9,7 +9,7 @@ import numpy as np
 from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import FEWER, Finding
-from tridentify.judgement.causes.fewer import foretold, unsure
+from tridentify.judgement.causes.attempts.fewer import foretold, unsure
 from tridentify.numerics.quantiles import median
 from tridentify.numerics.rational import scaled_roots
 from tridentify.record.record import Record

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
-from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
-from tridentify.estimation.likelihood.nuisance import Nuisances
-from tridentify.judgement.causes.attempt import Attempt
-from tridentify.judgement.causes.revisit import stated
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import coefficients
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances
+from tridentify.judgement.causes.attempts.attempt import Attempt
+from tridentify.judgement.causes.attempts.revisit import stated
 from tridentify.judgement.cautions.remedies import fitted_again
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record

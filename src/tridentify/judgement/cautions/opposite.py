@@ -8,7 +8,7 @@ import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
-from tridentify.judgement.causes.rivals import DISAGREEING
+from tridentify.judgement.causes.attempts.rivals import DISAGREEING
 from tridentify.judgement.validation.assess import own_look
 from tridentify.judgement.validation.explained import LITTLE, explanations, finding_of
 from tridentify.record.record import Record

@@ -18,8 +18,12 @@ import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
-from tridentify.judgement.causes.first_samples import Predictions, beginning
-from tridentify.judgement.validation.distribution import is_shock, largest_by_chance, scale_of
+from tridentify.judgement.causes.attempts.first_samples import Predictions, beginning
+from tridentify.judgement.validation.statistics.distribution import (
+    is_shock,
+    largest_by_chance,
+    scale_of,
+)
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.converter import within_a_step

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
-from tridentify.estimation.likelihood.nuisance import Nuisances
 from tridentify.estimation.likelihood.question import Question
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances
 from tridentify.estimation.search.search import search
-from tridentify.judgement.causes.attempt import Attempt, attempt
-from tridentify.judgement.causes.explanation import CLEARLY
-from tridentify.judgement.causes.first_samples import Predictions
-from tridentify.judgement.causes.revisit import (
+from tridentify.judgement.causes.attempts.attempt import Attempt, attempt
+from tridentify.judgement.causes.attempts.explanation import CLEARLY
+from tridentify.judgement.causes.attempts.first_samples import Predictions
+from tridentify.judgement.causes.attempts.revisit import (
     poles_of_estimate,
     problem_of,
     stated,

@@ -13,9 +13,9 @@ from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.answer.trust import predicts
-from tridentify.estimation.likelihood.raster import on_raster, places_on_raster, spread_out
-from tridentify.judgement.causes.first_samples import Predictions, beginning
-from tridentify.judgement.causes.slow import HALVES, MOSTLY_SLOW, PER_WAVE, slow_waves
+from tridentify.estimation.likelihood.setup.raster import on_raster, places_on_raster, spread_out
+from tridentify.judgement.causes.attempts.first_samples import Predictions, beginning
+from tridentify.judgement.causes.system.slow import HALVES, MOSTLY_SLOW, PER_WAVE, slow_waves
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.correlation import autocorrelation

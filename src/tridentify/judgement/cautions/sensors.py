@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
-from tridentify.judgement.causes.first_samples import Predictions, beginning
+from tridentify.judgement.causes.attempts.first_samples import Predictions, beginning
 from tridentify.judgement.cautions.stuck import (
     DITHER,
     EXACT,

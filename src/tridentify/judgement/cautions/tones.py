@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
-from tridentify.judgement.causes.first_samples import Predictions, beginning
+from tridentify.judgement.causes.attempts.first_samples import Predictions, beginning
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 

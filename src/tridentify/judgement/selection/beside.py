@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from tridentify.errors import TridentifyError
+from tridentify.judgement.causes.attempts.explanation import AS_MUCH, CLEARLY, Explanation
 from tridentify.judgement.causes.explain import explain, settle
-from tridentify.judgement.causes.explanation import AS_MUCH, CLEARLY, Explanation
 from tridentify.judgement.selection.late import MOST, is_able, present_of
 from tridentify.judgement.selection.result import SelectionRow
 from tridentify.numerics.arrays import Array

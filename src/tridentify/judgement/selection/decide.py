@@ -10,8 +10,8 @@ import numpy as np
 
 from tridentify.estimation.answer.cancelling import CANCELS
 from tridentify.estimation.answer.estimate import Estimate, Status
-from tridentify.estimation.likelihood.raster import are_even
-from tridentify.judgement.causes.surprises import moved
+from tridentify.estimation.likelihood.setup.raster import are_even
+from tridentify.judgement.causes.signals.surprises import moved
 from tridentify.judgement.selection.criteria import (
     Criteria,
     free_coefficients,

@@ -35,17 +35,17 @@ from tridentify.estimation.answer.estimate import Estimate, Status, Trace
 from tridentify.estimation.likelihood.answer import Ending, estimate_from
 from tridentify.estimation.likelihood.choose_nuisance import decide
 from tridentify.estimation.likelihood.cost import Point, evaluate_variant
-from tridentify.estimation.likelihood.levenberg_marquardt import (
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import (
     Patience,
     at_rounding,
     criterion,
     finish,
 )
-from tridentify.estimation.likelihood.noise_model import MOSTLY
-from tridentify.estimation.likelihood.nuisance import Nuisances, candidates
-from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.likelihood.noise.noise_model import MOSTLY
 from tridentify.estimation.likelihood.question import Question
-from tridentify.estimation.likelihood.raster import are_even
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances, candidates
+from tridentify.estimation.likelihood.setup.problem import Problem, Variant
+from tridentify.estimation.likelihood.setup.raster import are_even
 from tridentify.estimation.likelihood.thresholds import ALLOWANCE
 from tridentify.estimation.methods.base import Method, check
 from tridentify.estimation.methods.three_model import ThreeModel

@@ -36,8 +36,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tridentify.estimation.answer.trace import freeze_arrays
-from tridentify.estimation.likelihood.nuisance import build_base, candidates
-from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.likelihood.setup.nuisance import build_base, candidates
+from tridentify.estimation.likelihood.setup.problem import Problem, Variant
 from tridentify.models.regression import Regression, regress
 from tridentify.models.response import ColumnBlocks, nuisance_blocks
 from tridentify.numerics.arrays import Array, Complex

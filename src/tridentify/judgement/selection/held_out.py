@@ -41,10 +41,10 @@ from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.likelihood.answer import model_of
 from tridentify.estimation.likelihood.cost import evaluate
-from tridentify.estimation.likelihood.levenberg_marquardt import coefficients, finish
-from tridentify.estimation.likelihood.nuisance import first_explained
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import coefficients, finish
+from tridentify.estimation.likelihood.setup.nuisance import first_explained
 from tridentify.estimation.methods.output_error import OutputError
-from tridentify.judgement.causes.revisit import poles_of_estimate, problem_of, stated
+from tridentify.judgement.causes.attempts.revisit import poles_of_estimate, problem_of, stated
 from tridentify.judgement.selection.paired import RANK, without
 from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tridentify.estimation.methods.base import Method
-from tridentify.judgement.causes.direct_part import may_have_direct_part
+from tridentify.judgement.causes.attempts.direct_part import may_have_direct_part
 from tridentify.judgement.selection.finish_candidates import CandidateTask, Entry, run_task
 from tridentify.judgement.selection.orders import default_candidates
 from tridentify.judgement.selection.rule import TWICE

@@ -3,7 +3,7 @@
 Dead time is in most plants of process engineering, and a candidate without it makes do with poles:
 each is a little of a delay (a Pade approximation). Then a larger candidate is adequate, sound, and
 not what the plant is. So every candidate that is smaller than the recommended one is fitted with
-a delay, as a cause is that is looked for (`causes.delay`); where that explains the record better
+a delay, as a cause is that is looked for (`timing.delay`); where that explains the record better
 than the recommended one does, or clearly better than any other candidate with as many coefficients,
 it joins the rows with its delay free. The second holds on measured records, in which something
 smaller than the delay is left for more poles to explain. A delay beside as many coefficients is no
@@ -34,13 +34,13 @@ import numpy as np
 
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
-from tridentify.judgement.causes.attempt import Attempt
-from tridentify.judgement.causes.direct_part import has_direct_part, may_have_direct_part
+from tridentify.judgement.causes.attempts.attempt import Attempt
+from tridentify.judgement.causes.attempts.direct_part import has_direct_part, may_have_direct_part
+from tridentify.judgement.causes.attempts.explanation import CLEARLY, Explanations
+from tridentify.judgement.causes.attempts.present import Present
+from tridentify.judgement.causes.attempts.revisit import poles_of_estimate, problem_of, stated
 from tridentify.judgement.causes.explain import explain, settle, sharpened
-from tridentify.judgement.causes.explanation import CLEARLY, Explanations
-from tridentify.judgement.causes.present import Present
-from tridentify.judgement.causes.revisit import poles_of_estimate, problem_of, stated
-from tridentify.judgement.causes.slow import slow_waves
+from tridentify.judgement.causes.system.slow import slow_waves
 from tridentify.judgement.selection.result import SelectionRow
 from tridentify.judgement.selection.rule import USELESS
 from tridentify.numerics.arrays import Array

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from tridentify.errors import CandidateError, OptionError, shown
-from tridentify.judgement.causes.direct_part import has_direct_part
+from tridentify.judgement.causes.attempts.direct_part import has_direct_part
 from tridentify.record.checks.orders import is_pair
 from tridentify.record.record import Record
 from tridentify.structure import Structure
@@ -23,7 +23,7 @@ def default_candidates(
 ) -> tuple[Structure, ...]:
     """Structures with 1 to ``max_poles`` poles and every number of zeros below that of the poles.
 
-    Where an output follows an input in the same sample (`causes.direct_part`), those with as many
+    Where an output follows an input in the same sample (`attempts.direct_part`), those with as many
     zeros as poles too; not beside a delay that is to be estimated, which has no such part.
 
     Parameters

@@ -24,8 +24,8 @@ from tridentify.errors import DataError, TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.methods.base import Method, Progress, check_scale, check_signals
 from tridentify.estimation.methods.three_model import ThreeModel
-from tridentify.judgement.causes.intersample import behaviours, taken_as
-from tridentify.judgement.causes.wild_beginning import without_wild_beginning
+from tridentify.judgement.causes.attempts.intersample import behaviours, taken_as
+from tridentify.judgement.causes.signals.wild_beginning import without_wild_beginning
 from tridentify.judgement.choice import checked_method, with_judgement
 from tridentify.judgement.selection.beside import bent, drifting
 from tridentify.judgement.selection.contest import Contest

@@ -11,7 +11,7 @@ import numpy as np
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.methods.base import Method, Progress
-from tridentify.judgement.causes.intersample import (
+from tridentify.judgement.causes.attempts.intersample import (
     IN_WORDS,
     Behaviours,
     behaviours,

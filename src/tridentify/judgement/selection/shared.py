@@ -16,7 +16,7 @@ import numpy as np
 import scipy.linalg
 
 from tridentify.errors import TooFewSamplesError
-from tridentify.estimation.likelihood.nuisance import build_base, candidates
+from tridentify.estimation.likelihood.setup.nuisance import build_base, candidates
 from tridentify.estimation.search.starts import ParallelStart, laguerre_starts, spread_starts
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.realization import sort_poles

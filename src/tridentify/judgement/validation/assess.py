@@ -1,7 +1,7 @@
 """The front door: an estimate and a record in, whether to trust it out.
 
-The tests of every output (`validation.evidence`), and on another record those of
-`validation.transfer`, form one family. Holm's procedure rejects in it so that a model which is
+The tests of every output (`validation.statistics.evidence`), and on another record those of
+`statistics.transfer`, form one family. Holm's procedure rejects in it so that a model which is
 right is called wrong with at most the probability ``1 - level``, whatever the dependence between
 the tests; a tenth of it is spent on outliers. What is rejected is put into words
 (`validation.verdict`).
@@ -23,19 +23,13 @@ from tridentify.errors import (
 from tridentify.estimation.answer.assemble import fingerprint
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding, joined
-from tridentify.estimation.likelihood.noise_levels import weighed
+from tridentify.estimation.likelihood.noise.noise_levels import weighed
 from tridentify.estimation.methods.explained import explained_or_refused
-from tridentify.judgement.causes.feedback import Inputs
-from tridentify.judgement.causes.fewer import VAGUE
-from tridentify.judgement.causes.first_samples import Predictions, beginning
-from tridentify.judgement.causes.input_floor import may_carry_noise
-from tridentify.judgement.validation.correlation import correlate
-from tridentify.judgement.validation.evidence import (
-    Evidence,
-    suspicious,
-)
+from tridentify.judgement.causes.attempts.feedback import Inputs
+from tridentify.judgement.causes.attempts.fewer import VAGUE
+from tridentify.judgement.causes.attempts.first_samples import Predictions, beginning
+from tridentify.judgement.causes.sensors.input_floor import may_carry_noise
 from tridentify.judgement.validation.known_causes import KnownCauses
-from tridentify.judgement.validation.likelihood_ratio import CALLED
 from tridentify.judgement.validation.phrases import decapitalised
 from tridentify.judgement.validation.remembered import (
     as_identified,
@@ -53,7 +47,13 @@ from tridentify.judgement.validation.result import (
     Validation,
     Whiteness,
 )
-from tridentify.judgement.validation.transfer import carried_over
+from tridentify.judgement.validation.statistics.correlation import correlate
+from tridentify.judgement.validation.statistics.evidence import (
+    Evidence,
+    suspicious,
+)
+from tridentify.judgement.validation.statistics.likelihood_ratio import CALLED
+from tridentify.judgement.validation.statistics.transfer import carried_over
 from tridentify.judgement.validation.tried import may_react, starts_wild, torn_at, try_causes
 from tridentify.judgement.validation.verdict import family, findings, in_words
 from tridentify.numerics.arrays import Array

@@ -10,21 +10,21 @@ import numpy as np
 from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding, Severity
-from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
-from tridentify.estimation.likelihood.nuisance import Nuisances
-from tridentify.judgement.causes.attempt import Attempt
-from tridentify.judgement.causes.explain import explain, moved, settle
-from tridentify.judgement.causes.explanation import (
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import coefficients
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances
+from tridentify.judgement.causes.attempts.attempt import Attempt
+from tridentify.judgement.causes.attempts.explanation import (
     CLEARLY,
     NEARLY,
     Explanation,
     Explanations,
 )
-from tridentify.judgement.causes.fewer import unsure
-from tridentify.judgement.causes.intersample import for_left_open
-from tridentify.judgement.causes.lost import Place
-from tridentify.judgement.causes.present import Present
-from tridentify.judgement.causes.rivals import Rival
+from tridentify.judgement.causes.attempts.fewer import unsure
+from tridentify.judgement.causes.attempts.intersample import for_left_open
+from tridentify.judgement.causes.attempts.present import Present
+from tridentify.judgement.causes.attempts.rivals import Rival
+from tridentify.judgement.causes.explain import explain, moved, settle
+from tridentify.judgement.causes.sensors.lost import Place
 from tridentify.judgement.validation.residuals import View
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record

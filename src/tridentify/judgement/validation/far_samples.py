@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtrc
 
-from tridentify.estimation.methods.predictor import forecast_errors
-from tridentify.judgement.causes.intersample import is_staircase
-from tridentify.judgement.validation.evidence import Evidence
-from tridentify.judgement.validation.likelihood_ratio import CALLED
+from tridentify.estimation.methods.around_maximum.predictor import forecast_errors
+from tridentify.judgement.causes.attempts.intersample import is_staircase
 from tridentify.judgement.validation.residuals import View
+from tridentify.judgement.validation.statistics.evidence import Evidence
+from tridentify.judgement.validation.statistics.likelihood_ratio import CALLED
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.robust import median_scale
 from tridentify.record.record import Record

@@ -18,10 +18,10 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.likelihood.question import Question
 from tridentify.estimation.search.search import search
-from tridentify.judgement.causes.attempt import Attempt, attempt
-from tridentify.judgement.causes.interpolated import in_rows, interpolated, without_lines
-from tridentify.judgement.causes.intersample import IN_WORDS, is_staircase
-from tridentify.judgement.causes.revisit import poles_of_estimate, problem_of, stated
+from tridentify.judgement.causes.attempts.attempt import Attempt, attempt
+from tridentify.judgement.causes.attempts.intersample import IN_WORDS, is_staircase
+from tridentify.judgement.causes.attempts.revisit import poles_of_estimate, problem_of, stated
+from tridentify.judgement.causes.signals.interpolated import in_rows, interpolated, without_lines
 from tridentify.judgement.validation.explained import NOTHING_MOVES, most_moved
 from tridentify.numerics.joined_by_lines import Joined
 from tridentify.record.record import Record

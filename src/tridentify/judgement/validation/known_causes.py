@@ -6,13 +6,13 @@ from typing import NamedTuple
 
 from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.answer.estimate import Estimate
-from tridentify.judgement.causes.explanation import Explanation, Explanations
-from tridentify.judgement.validation.evidence import Evidence
+from tridentify.judgement.causes.attempts.explanation import Explanation, Explanations
 from tridentify.judgement.validation.explained import (
     follows_no_better,
     told_alone,
 )
-from tridentify.judgement.validation.likelihood_ratio import CALLED
+from tridentify.judgement.validation.statistics.evidence import Evidence
+from tridentify.judgement.validation.statistics.likelihood_ratio import CALLED
 
 
 class KnownCauses(NamedTuple):

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from tridentify.estimation.answer.finding import Finding
-from tridentify.judgement.causes.slow import HALVES, MOSTLY_SLOW, slow_share
-from tridentify.judgement.validation.evidence import Evidence
+from tridentify.judgement.causes.system.slow import HALVES, MOSTLY_SLOW, slow_share
 from tridentify.judgement.validation.known_causes import KnownCauses
 from tridentify.judgement.validation.noise_of_each import of_each
 from tridentify.judgement.validation.phrases import one_finding, seconds, when
 from tridentify.judgement.validation.residuals import View
 from tridentify.judgement.validation.result import Transfer
+from tridentify.judgement.validation.statistics.evidence import Evidence
 
 ROBUST = "use a robust loss (loss='huber' or 'student'; --loss), or mark them as missing"
 WEIGHED = "mark them as missing where they are wrong; the robust loss gives them little weight"

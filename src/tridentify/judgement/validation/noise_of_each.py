@@ -15,13 +15,13 @@ from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.likelihood.curvature import Curvature
-from tridentify.judgement.causes.attempt import attempt
-from tridentify.judgement.causes.slow import HALVES, MOSTLY_SLOW, slow_share
-from tridentify.judgement.validation.evidence import Evidence
+from tridentify.judgement.causes.attempts.attempt import attempt
+from tridentify.judgement.causes.system.slow import HALVES, MOSTLY_SLOW, slow_share
 from tridentify.judgement.validation.explained import most_moved, present_of
-from tridentify.judgement.validation.likelihood_ratio import CALLED
 from tridentify.judgement.validation.phrases import one_finding
 from tridentify.judgement.validation.residuals import View
+from tridentify.judgement.validation.statistics.evidence import Evidence
+from tridentify.judgement.validation.statistics.likelihood_ratio import CALLED
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.local_size import sizes_of
 

@@ -18,10 +18,10 @@ import numpy as np
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
-from tridentify.estimation.likelihood.nuisance import Nuisances
-from tridentify.judgement.causes.attempt import Attempt, attempt
-from tridentify.judgement.causes.odd_experiment import CERTAIN, WRONG, rounded
-from tridentify.judgement.causes.present import Present
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances
+from tridentify.judgement.causes.attempts.attempt import Attempt, attempt
+from tridentify.judgement.causes.attempts.present import Present
+from tridentify.judgement.causes.system.odd_experiment import CERTAIN, WRONG, rounded
 from tridentify.judgement.validation.explained import present_of
 from tridentify.judgement.validation.known_causes import KnownCauses
 from tridentify.judgement.validation.phrases import sentence

@@ -2,7 +2,7 @@
 
 The reference route rests on one thing: the noise has no part in the reference. What is recorded
 under that name is at times the controller's error, an outer loop's output, or the output itself.
-The same test tells as of an input (`causes.feedback`): small moves of the reference, which its own
+The same test tells as of an input (`feedback`): small moves of the reference, which its own
 past does not tell, must not explain what is left of the output at the same sample and before.
 """
 
@@ -14,8 +14,8 @@ import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
-from tridentify.judgement.causes.feedback import Inputs, Within, coming
-from tridentify.judgement.causes.first_samples import beginning
+from tridentify.judgement.causes.attempts.feedback import Inputs, Within, coming
+from tridentify.judgement.causes.attempts.first_samples import beginning
 from tridentify.judgement.validation.assess import LONGEST_LOOK, own_look
 from tridentify.record.record import Record
 

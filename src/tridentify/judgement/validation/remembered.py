@@ -18,7 +18,7 @@ from tridentify.errors import SampleTypeError
 from tridentify.estimation.answer.assemble import fingerprint
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
-from tridentify.judgement.causes.wild_beginning import without_wild_beginning
+from tridentify.judgement.causes.signals.wild_beginning import without_wild_beginning
 from tridentify.judgement.validation.residuals import View
 from tridentify.judgement.validation.result import Validation
 from tridentify.numerics.kept import Beside

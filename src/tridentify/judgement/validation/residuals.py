@@ -26,12 +26,12 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.trace import Status
 from tridentify.estimation.likelihood.cost import Point
 from tridentify.estimation.likelihood.curvature import physical_map
-from tridentify.estimation.likelihood.linear_columns import free_states
-from tridentify.estimation.likelihood.noise_levels import noise_sizes
-from tridentify.estimation.likelihood.nuisance import Nuisances, reference_of
-from tridentify.estimation.likelihood.raster import are_even, on_raster
-from tridentify.judgement.causes.first_samples import Predictions, beginning
-from tridentify.judgement.causes.revisit import point_of, stated
+from tridentify.estimation.likelihood.noise.noise_levels import noise_sizes
+from tridentify.estimation.likelihood.setup.linear_columns import free_states
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances, reference_of
+from tridentify.estimation.likelihood.setup.raster import are_even, on_raster
+from tridentify.judgement.causes.attempts.first_samples import Predictions, beginning
+from tridentify.judgement.causes.attempts.revisit import point_of, stated
 from tridentify.models.response import Response
 from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array, filled
@@ -145,7 +145,7 @@ class View:
         What the reader should know.
     searched : dict
         Of every output that was asked for, what its residual is searched for
-        (`validation.columns`).
+        (`validation.statistics.columns`).
     """
 
     records: tuple[Record, ...]

@@ -10,27 +10,20 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
-from tridentify.judgement.causes.attempt import Attempt
-from tridentify.judgement.causes.breaks import steps
-from tridentify.judgement.causes.explanation import Explanation, Explanations
-from tridentify.judgement.causes.feedback import (
+from tridentify.judgement.causes.attempts.attempt import Attempt
+from tridentify.judgement.causes.attempts.explanation import Explanation, Explanations
+from tridentify.judgement.causes.attempts.feedback import (
     Inputs,
     Within,
     by_predictor,
     coming,
     forecasts_react,
 )
-from tridentify.judgement.causes.input_floor import may_carry_noise
-from tridentify.judgement.causes.interpolated import interpolated
-from tridentify.judgement.causes.intersample import is_staircase
-from tridentify.judgement.causes.lost import LEAST_PIECE, Place, after_gaps, jumps
-from tridentify.judgement.validation.distribution import distribution
-from tridentify.judgement.validation.evidence import (
-    Evidence,
-    examine,
-    suspicious,
-    without_outliers,
-)
+from tridentify.judgement.causes.attempts.intersample import is_staircase
+from tridentify.judgement.causes.sensors.breaks import steps
+from tridentify.judgement.causes.sensors.input_floor import may_carry_noise
+from tridentify.judgement.causes.sensors.lost import LEAST_PIECE, Place, after_gaps, jumps
+from tridentify.judgement.causes.signals.interpolated import interpolated
 from tridentify.judgement.validation.explained import (
     change,
     explanations,
@@ -50,8 +43,15 @@ from tridentify.judgement.validation.far_samples import (
     with_those_between,
     without_foreseen,
 )
-from tridentify.judgement.validation.likelihood_ratio import CALLED
 from tridentify.judgement.validation.residuals import View, refitted
+from tridentify.judgement.validation.statistics.distribution import distribution
+from tridentify.judgement.validation.statistics.evidence import (
+    Evidence,
+    examine,
+    suspicious,
+    without_outliers,
+)
+from tridentify.judgement.validation.statistics.likelihood_ratio import CALLED
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.quantiles import median

@@ -9,8 +9,7 @@ import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding, ranked
-from tridentify.judgement.causes.feedback import Coming
-from tridentify.judgement.validation.evidence import Evidence
+from tridentify.judgement.causes.attempts.feedback import Coming
 from tridentify.judgement.validation.explained import (
     drift_tried,
     finding_of,
@@ -19,7 +18,6 @@ from tridentify.judgement.validation.explained import (
 )
 from tridentify.judgement.validation.interpolated import beside_lines, interpolated_findings
 from tridentify.judgement.validation.known_causes import KnownCauses
-from tridentify.judgement.validation.likelihood_ratio import CALLED
 from tridentify.judgement.validation.noise_findings import (
     about_noise,
     carried_findings,
@@ -35,7 +33,9 @@ from tridentify.judgement.validation.phrases import (
 )
 from tridentify.judgement.validation.residuals import View
 from tridentify.judgement.validation.result import Check, CrossCorrelation, Transfer
-from tridentify.judgement.validation.rounding import beyond_steps
+from tridentify.judgement.validation.statistics.evidence import Evidence
+from tridentify.judgement.validation.statistics.likelihood_ratio import CALLED
+from tridentify.judgement.validation.statistics.rounding import beyond_steps
 
 
 def family(

@@ -1,4 +1,4 @@
-"""A signal through triangular responses in machine code, by running sums: `validation.columns`."""
+"""A signal through triangular responses in machine code, by running sums: `statistics.columns`."""
 
 from __future__ import annotations
 

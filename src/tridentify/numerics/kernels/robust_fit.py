@@ -1,4 +1,4 @@
-"""Reweighted least squares in machine code: `causes.surprises`."""
+"""Reweighted least squares in machine code: `causes.signals.surprises`."""
 
 from __future__ import annotations
 

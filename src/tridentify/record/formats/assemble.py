@@ -44,7 +44,7 @@ from tridentify.record.checks.references import drawn_unless_switched
 from tridentify.record.checks.samples import Intersample
 from tridentify.record.checks.times import TIME_TOLERANCE, sample_range, time_axis, uniform_step
 from tridentify.record.formats.channels import Channel, OpenFile
-from tridentify.record.formats.clock import (
+from tridentify.record.formats.time.clock import (
     JITTER,
     check_finite,
     compare_with_own_time,

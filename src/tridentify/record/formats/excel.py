@@ -1,7 +1,7 @@
 """Excel workbooks (``.xlsx``), by openpyxl: every sheet is read as the text table that it shows.
 
 So title lines, a line of units, ``NA`` and ``-``, dates and times of day mean what they mean in
-delimited text (`record.formats.text_table`). Formulas count with the value that was last saved, an
+delimited text (`text.text_table`). Formulas count with the value that was last saved, an
 error such as ``#DIV/0!`` is a missing sample.
 
 Where several sheets hold numbers their channels are ``Sheet1.alpha``, ``Sheet2.alpha``, each sheet
@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import Any
 
 from tridentify.numerics.arrays import Array
-from tridentify.record.formats.cells import SEPARATORS
 from tridentify.record.formats.channels import SECONDS, Channel, SampledFile
-from tridentify.record.formats.csv import TextFile
-from tridentify.record.formats.serial_days import clock_seconds
+from tridentify.record.formats.text.cells import SEPARATORS
+from tridentify.record.formats.text.csv import TextFile
+from tridentify.record.formats.time.serial_days import clock_seconds
 from tridentify.record.formats.time_names import named_time
 
 ERRORS = frozenset(("#DIV/0!", "#N/A", "#NAME?", "#NULL!", "#NUM!", "#REF!", "#VALUE!"))

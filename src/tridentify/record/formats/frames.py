@@ -30,9 +30,9 @@ from tridentify.record.checks.samples import Intersample
 from tridentify.record.checks.times import uniform_step
 from tridentify.record.formats.assemble import Wanted, record_from
 from tridentify.record.formats.channels import CALLER, Channel, SampledFile, header_channel
-from tridentify.record.formats.clock import time_channels
-from tridentify.record.formats.dates import Instants, read_moment, without_clock_change
 from tridentify.record.formats.requirements import require
+from tridentify.record.formats.time.clock import time_channels
+from tridentify.record.formats.time.dates import Instants, read_moment, without_clock_change
 from tridentify.record.formats.time_names import is_called_time
 from tridentify.record.record import Record, in_memory
 

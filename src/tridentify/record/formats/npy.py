@@ -16,13 +16,13 @@ import numpy as np
 
 from tridentify.errors import UnreadableFileError, shown
 from tridentify.numerics.arrays import Array
+from tridentify.record.formats.apart.isolation import check_size
 from tridentify.record.formats.channels import (
     SampledFile,
     header_channel,
     real_numbers,
     refuse_objects,
 )
-from tridentify.record.formats.isolation import check_size
 
 MARK = b"\x93NUMPY"
 """What a file of NumPy begins with."""

@@ -16,6 +16,7 @@ import numpy as np
 
 from tridentify.errors import UnreadableFileError, shown
 from tridentify.numerics.arrays import Array
+from tridentify.record.formats.apart.isolation import check_size
 from tridentify.record.formats.channels import (
     Channel,
     SampledFile,
@@ -23,7 +24,6 @@ from tridentify.record.formats.channels import (
     real_numbers,
     refuse_objects,
 )
-from tridentify.record.formats.isolation import check_size
 from tridentify.record.formats.npy import MOST_COLUMNS, read_header
 
 

@@ -17,7 +17,7 @@ from tridentify.numerics.arrays import Array
 from tridentify.record.formats import npy
 from tridentify.record.formats.arrow import ArrowFile
 from tridentify.record.formats.channels import Channel, OpenFile
-from tridentify.record.formats.text_opening import check_readable
+from tridentify.record.formats.text.text_opening import check_readable
 from tridentify.record.formats.zarr import MARKS, ZarrStore
 
 ARROW_MARKS = (b"PAR1", b"ARROW1")

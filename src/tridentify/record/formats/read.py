@@ -13,14 +13,14 @@ from pathlib import Path
 
 from tridentify.errors import OptionError, UnreadableFileError, shown
 from tridentify.record.checks.samples import Intersample
+from tridentify.record.formats.apart.isolated import open_here
+from tridentify.record.formats.apart.isolation import IsolatedFile
 from tridentify.record.formats.assemble import Instants, Wanted, record_from
 from tridentify.record.formats.channels import Channel, OpenFile
 from tridentify.record.formats.contents import Contents, as_file, called
-from tridentify.record.formats.csv import TextFile
-from tridentify.record.formats.isolated import open_here
-from tridentify.record.formats.isolation import IsolatedFile
 from tridentify.record.formats.requirements import require
-from tridentify.record.formats.text_opening import check_readable
+from tridentify.record.formats.text.csv import TextFile
+from tridentify.record.formats.text.text_opening import check_readable
 from tridentify.record.record import Record
 from tridentify.writing.layout import printable
 

@@ -11,11 +11,11 @@ from tridentify.errors import OptionError, SamplingError
 from tridentify.numerics.arrays import Array
 from tridentify.record.checks.times import check_increasing, uniform_step
 from tridentify.record.formats.channels import SECONDS, Channel, OpenFile
-from tridentify.record.formats.clock import time_channels
 from tridentify.record.formats.contents import Contents
 from tridentify.record.formats.read import opened
-from tridentify.record.formats.serial_days import clock_seconds
 from tridentify.record.formats.summary import ChannelSummary, read_numbers, summed_up
+from tridentify.record.formats.time.clock import time_channels
+from tridentify.record.formats.time.serial_days import clock_seconds
 
 
 class Thinned(NamedTuple):

@@ -13,10 +13,10 @@ from tridentify.errors import DataError, DataWarning
 from tridentify.numerics.arrays import Array
 from tridentify.record.checks.times import uniform_step
 from tridentify.record.formats.channels import CALLER, SECONDS, Channel, OpenFile
-from tridentify.record.formats.clock import time_channels
-from tridentify.record.formats.csv import TextFile
 from tridentify.record.formats.roles import guess_roles
-from tridentify.record.formats.serial_days import about_days, clock_seconds, serial_unit
+from tridentify.record.formats.text.csv import TextFile
+from tridentify.record.formats.time.clock import time_channels
+from tridentify.record.formats.time.serial_days import about_days, clock_seconds, serial_unit
 
 PATIENCE = 20.0
 """Time for the channels of a file [s]: a table of many columns of text would take hours."""

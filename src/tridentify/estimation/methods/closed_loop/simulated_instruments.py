@@ -14,7 +14,7 @@ error, and ``Z`` are its derivatives for the input ``u_0``:
 
     Z' (y - (b_hat / a_hat) u) = 0,                                                           (2)
 
-which is solved here as the reference route solves it (`methods.reference`): the fixed points are
+which is solved here as the reference route solves it (`reference`): the fixed points are
 the same, the way there is not. For white noise at the output and a controller that works on samples
 the estimate is efficient among those with instruments.
 
@@ -48,11 +48,11 @@ from tridentify.estimation.closed_loop.driven import driven
 from tridentify.estimation.closed_loop.known_controller import known_loop, refuse_unknown_loop
 from tridentify.estimation.likelihood.question import silently
 from tridentify.estimation.methods.base import Progress, check
+from tridentify.estimation.methods.by_reference.passes import root
+from tridentify.estimation.methods.by_reference.reference import completed
 from tridentify.estimation.methods.capability import Capability
 from tridentify.estimation.methods.closed_loop.second_stage import OPEN_LOOP
 from tridentify.estimation.methods.output_error import OutputError
-from tridentify.estimation.methods.passes import root
-from tridentify.estimation.methods.reference import completed
 from tridentify.estimation.methods.route import refuse_unreferenced
 from tridentify.record.record import Record
 from tridentify.structure import Structure

@@ -36,8 +36,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tridentify.errors import ChannelCountError, NonUniformTimeError, OptionError, UnsupportedError
-from tridentify.estimation.likelihood.nuisance import Nuisances, build
-from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances, build
+from tridentify.estimation.likelihood.setup.problem import Problem
 from tridentify.estimation.methods.filtered.filter_cascade import (
     check_rates,
     checked_filter,

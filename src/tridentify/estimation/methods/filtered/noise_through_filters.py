@@ -39,7 +39,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tridentify.errors import UnsupportedOrderError
-from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.setup.problem import Problem
 from tridentify.estimation.methods.filtered.filter_cascade import Filter
 from tridentify.estimation.methods.filtered.state_variable_filters import (
     Equation,

@@ -62,15 +62,15 @@ from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Pass, Start, Status, Step, Trace
 from tridentify.estimation.likelihood.answer import Ending, estimate_from
 from tridentify.estimation.likelihood.cost import Point, evaluate
-from tridentify.estimation.likelihood.levenberg_marquardt import (
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import (
     at_rounding,
     coefficients,
     criterion,
     mean_square,
     status_at,
 )
-from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidates
-from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances, build, candidates
+from tridentify.estimation.likelihood.setup.problem import Problem
 from tridentify.estimation.likelihood.thresholds import TRUSTED
 from tridentify.estimation.methods.base import Progress, check
 from tridentify.estimation.methods.capability import Capability, refuse_missing

@@ -51,7 +51,7 @@ import numpy as np
 from tridentify.errors import UnsupportedOrderError
 from tridentify.estimation.likelihood.curvature import SINGULAR
 from tridentify.estimation.likelihood.held_model import HeldModel
-from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.setup.problem import Problem
 from tridentify.estimation.methods.filtered.filter_cascade import Filter
 from tridentify.models.regression import Experiment, Layout, Regression, regress
 from tridentify.models.response import ColumnBlocks, Response

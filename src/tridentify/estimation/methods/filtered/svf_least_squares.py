@@ -37,8 +37,8 @@ from tridentify.errors import IdentifiabilityError, UnsupportedOrderError
 from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Pass, Start, Status, Step, Trace
 from tridentify.estimation.likelihood.literal import literal_estimate
-from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidates
-from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.setup.nuisance import Nuisances, build, candidates
+from tridentify.estimation.likelihood.setup.problem import Problem
 from tridentify.estimation.methods.base import Progress, check
 from tridentify.estimation.methods.capability import Capability, refuse_missing
 from tridentify.estimation.methods.filtered.filter_cascade import (
@@ -153,7 +153,7 @@ class Tried:
     Attributes
     ----------
     choice : int
-        Position among `likelihood.nuisance.candidates`.
+        Position among `likelihood.setup.nuisance.candidates`.
     label : str
         The filter in words.
     experiments : tuple of Experiment

@@ -13,8 +13,8 @@ import numpy as np
 
 from tridentify.errors import shown
 from tridentify.numerics.arrays import Array
-from tridentify.record.formats.cells import MISSING
 from tridentify.record.formats.streams.header import HeaderColumns
+from tridentify.record.formats.text.cells import MISSING
 
 MANY = 256
 """Lines from which polars is the quicker one."""

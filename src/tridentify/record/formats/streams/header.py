@@ -23,7 +23,7 @@ from tridentify.record.formats.channels import (
     header_channel,
     seconds_of,
 )
-from tridentify.record.formats.text_table import repeated_name
+from tridentify.record.formats.text.text_table import repeated_name
 from tridentify.record.formats.time_names import named_time, unit_in_name
 
 

@@ -33,20 +33,20 @@ from tridentify.record.checks.values import (
     texts,
     whole_number,
 )
-from tridentify.record.formats.cells import (
+from tridentify.record.formats.channels import SECONDS
+from tridentify.record.formats.streams import blocks
+from tridentify.record.formats.streams.header import Asked, HeaderColumns, find_columns
+from tridentify.record.formats.streams.lines import LONGEST_LINE, WholeLines
+from tridentify.record.formats.streams.read_rows import AROUND, BadLine, BadLineError, Rows, decoded
+from tridentify.record.formats.text.cells import (
     SEPARATORS,
     all_numbers,
     has_decimal_comma,
     read_number,
     unit_cells,
 )
-from tridentify.record.formats.channels import SECONDS
-from tridentify.record.formats.streams import blocks
-from tridentify.record.formats.streams.header import Asked, HeaderColumns, find_columns
-from tridentify.record.formats.streams.lines import LONGEST_LINE, WholeLines
-from tridentify.record.formats.streams.read_rows import AROUND, BadLine, BadLineError, Rows, decoded
-from tridentify.record.formats.text_opening import COMMENTS, EXCEL
-from tridentify.record.formats.title_lines import best_separator
+from tridentify.record.formats.text.text_opening import COMMENTS, EXCEL
+from tridentify.record.formats.text.title_lines import best_separator
 
 _FEW = 16
 """Lines that are read one by one rather than in halves: those among them that are wrong are

@@ -1,0 +1,1 @@
+"""Costs, fits and steps in machine code."""

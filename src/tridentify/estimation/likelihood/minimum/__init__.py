@@ -1,0 +1,1 @@
+"""Levenberg-Marquardt steps to a stationary point."""

@@ -1,0 +1,1 @@
+"""Models of the measurement noise, its levels, and what they cost the coefficients."""

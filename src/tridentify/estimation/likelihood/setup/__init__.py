@@ -1,0 +1,1 @@
+"""The problem: a structure and its records, resolved, with what is linear in it."""

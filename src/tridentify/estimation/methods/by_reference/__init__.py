@@ -1,0 +1,1 @@
+"""The reference route: what the reference of a loop drives, fitted until it stands still."""

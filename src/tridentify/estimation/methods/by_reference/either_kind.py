@@ -1,0 +1,71 @@
+"""A plant that is not stable under either kind of controller, where nobody states the kind.
+
+As for stable plants (`controller_kind`): the estimate is that of the kind that is assumed, or that
+of the other where the errors of the former follow the references and those of the latter do not.
+Where neither speaks against itself, what the other kind makes of the coefficients is said, and
+joins the covariance where it is as likely.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from tridentify.estimation.answer.assemble import Request
+from tridentify.estimation.closed_loop.between_samples import IN_WORDS
+from tridentify.estimation.closed_loop.driven import driven
+from tridentify.estimation.closed_loop.unstable_answer import NotStable, unstable_estimate
+from tridentify.estimation.likelihood.answer import widened_by
+from tridentify.estimation.methods.by_reference.controller_kind import Assumed, left_open, opposite
+
+
+def of_either_kind(
+    found: NotStable,
+    taken_for: Assumed,
+    asked: Request,
+    coloured: bool,
+    say: Callable[[str], None],
+) -> NotStable:
+    """What is found of a plant that is not stable, with what the other kind makes of it.
+
+    Parameters
+    ----------
+    found : NotStable
+        With the kind that was assumed.
+    taken_for : Assumed
+    asked : Request
+    coloured : bool
+        Whether the noise may have a model.
+    say : callable
+        Is told what is going on.
+
+    Returns
+    -------
+    NotStable
+    """
+    kind = opposite(taken_for.sampling)
+    words, rival = IN_WORDS[taken_for.sampling], IN_WORDS[kind]
+    parts = [driven(record, between=kind == "continuous") for record in asked.records]
+    other = unstable_estimate(parts, kind, asked, coloured, say)
+    if other is None:
+        return _told(found, f"as {rival}, no such plant{taken_for.why}")
+    if taken_for.even and found.follows and not other.follows:
+        return _told(other, f"as {words}, what is left follows the reference")
+    if other.follows and not found.follows:
+        return _told(found, f"the record speaks against a {kind} one")
+    taken = f"controller taken as {words}{taken_for.why}"
+    told, findings = left_open(found.estimate, other.estimate, rival, taken, taken_for.even)
+    if findings and taken_for.even:
+        mine = found.estimate
+        away = (other.estimate.theta - mine.theta) / np.sqrt(2.0)
+        cov, draws = widened_by(mine.cov, mine.draws, (away,))
+        found = replace(found, estimate=replace(mine, cov=cov, draws=draws))
+    whole = replace(found.estimate, findings=(*found.estimate.findings, *findings))
+    return _told(replace(found, estimate=whole), told)
+
+
+def _told(found: NotStable, *words: str) -> NotStable:
+    estimate = found.estimate
+    return replace(found, estimate=replace(estimate, trace=estimate.trace.told(*words)))

@@ -1,0 +1,434 @@
+"""The reference route: the three models in closed loop, driven by the reference.
+
+In a loop the input carries the noise, so that no fit to the recorded input alone is free of bias.
+What a recorded reference drives is (`closed_loop.driven`): Step 1 gives ``u_M``, a function of
+continuous time, whatever the controller. The estimate is the root of
+
+    sum_k Z(t_k, theta) (y - G(theta) u)(t_k) = 0,      Z = d/dtheta G(theta) u_M,       (1)
+
+the derivatives of the driven output as instruments. The residual at the true coefficients is the
+noise itself, which is independent of the reference and hence of ``Z``: (1) is consistent whatever
+the controller and whatever the colour of the noise, and nothing depends on how complete ``u_M`` is.
+For white noise its covariance is
+
+    sigma^2 (sum_k Z Z')^{-1},                                                            (2)
+
+as ``sum Z (d/dtheta G u)'`` is ``sum Z Z'`` on the mean (Soderstrom & Stoica 1983; Gilson, Garnier,
+Young & Van den Hof 2011, optimal instruments in closed loop). On whitened samples the same holds
+for coloured noise.
+
+Equation (1) is solved by the open-loop estimators as they are. With a model ``G_0`` at hand, the
+part of the output that the rest of the input makes is taken away,
+
+    y' = y - G_0 (u - u_M),                                                               (3)
+
+and ``G`` is fitted to ``(u_M, y')`` by output error, whose stationary point is ``sum Z (y' - G
+u_M) = 0``: where ``G = G_0`` this is (1). The fit's covariance, noise model, nuisance terms and
+constraints are then those of (1), (2). Repeating (3) converges fast, since its derivative is
+``(sum Z Z')^{-1} sum Z (d/dtheta G (u - u_M))'``, a correlation of instruments with noise, of the
+order of one over the root of the number of samples; the iterates are extrapolated (Anderson 1965).
+The first ``G_0`` is the fit to ``(u_M, y)``, the two-stage estimate of Van den Hof & Schrama
+(1993).
+
+References
+----------
+T. Soderstrom & P. Stoica, *Instrumental Variable Methods for System Identification* (1983).
+M. Gilson, H. Garnier, P. Young & P. Van den Hof, IET Control Theory & Applications 5 (2011)
+1147-1154. P. Van den Hof & R. Schrama, Automatica 29 (1993) 1523-1527. D. Anderson, J. ACM 12
+(1965) 547-560.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from tridentify.errors import DataError, TridentifyError
+from tridentify.estimation.answer.assemble import Request
+from tridentify.estimation.answer.estimate import Estimate, Status
+from tridentify.estimation.answer.finding import Finding
+from tridentify.estimation.answer.loop_taken import LoopTaken
+from tridentify.estimation.closed_loop.begun import with_start
+from tridentify.estimation.closed_loop.between_samples import IN_WORDS, Loop, Sampling
+from tridentify.estimation.closed_loop.driven import Driven, driven
+from tridentify.estimation.closed_loop.known_controller import (
+    KnownLoop,
+    known_loop,
+    refuse_unknown_loop,
+)
+from tridentify.estimation.closed_loop.moving import together_findings
+from tridentify.estimation.closed_loop.not_supported import refuse_not_stable
+from tridentify.estimation.closed_loop.recorded_input import Worked
+from tridentify.estimation.closed_loop.unstable_answer import NotStable, unstable_estimate
+from tridentify.estimation.likelihood.answer import widened_by
+from tridentify.estimation.likelihood.noise.noise_model import STILL as NOISE_STILL
+from tridentify.estimation.methods.base import Method
+from tridentify.estimation.methods.by_reference.along_axis import with_fall
+from tridentify.estimation.methods.by_reference.controller_kind import (
+    Assumed,
+    Controller,
+    assumed,
+    coarse_findings,
+    compared,
+    driving_findings,
+    following_findings,
+    opposite,
+)
+from tridentify.estimation.methods.by_reference.either_kind import of_either_kind
+from tridentify.estimation.methods.by_reference.given_controller import (
+    by_likelihood,
+    how_it_worked,
+    rule_of,
+)
+from tridentify.estimation.methods.by_reference.passes import (
+    PATIENCE,
+    STILL,
+    Rooted,
+    residuals,
+    root,
+    without_rest,
+)
+from tridentify.estimation.methods.by_reference.returned_errors import (
+    moves_between,
+    with_returned_errors,
+)
+from tridentify.numerics.arrays import Array
+from tridentify.structure import Structure
+from tridentify.transfer_function import TransferFunction
+
+WORSE = 0.05
+"""Share by which a better known driven input may raise the mean square of what is left: it takes
+nothing that is noise, and what it takes of the response shows at once."""
+FARTHER = 1.5
+"""Mean square of what a root leaves over that of the open-loop fit, or of another root, from which
+there may be a better one. The open-loop fit is the least of all; what feedback adds to a root is a
+few per cent, and one that misses a start of the loop leaves fifty times as much."""
+BETWEEN = "the loop is fast for its samples: what lies between them makes errors up to"
+NOTABLE, HANGS = 1.2, 3.0
+"""Times that errors grow for that, from which it is told, and from which the answer hangs on it."""
+MOST_BESIDE = 12
+"""Passes of such a fit: it begins near its end, and runs about where hardly any noise is left."""
+
+
+def reference_estimate(
+    asked: Request,
+    controller: Controller,
+    plain: Method,
+    near: Callable[[TransferFunction], Method],
+    coloured: Method | None,
+    say: Callable[[str], None],
+    *,
+    robust: bool = False,
+    only_stable: bool = False,
+) -> Estimate:
+    """The estimate by the reference route.
+
+    Parameters
+    ----------
+    asked : Request
+        Records with references, the structure, and how the estimate is to be called.
+    controller : {"unknown", "sampled", "continuous"} or TransferFunction
+        The latter as what acts on the measured output, in continuous time.
+    plain : Method
+        The whole method for open loop and white noise, its search included.
+    near : callable
+        The method of the passes, which begins at a model.
+    coloured : Method, optional
+        The whole method with a noise model, if the noise may have one.
+    say : callable
+        Is told what is going on.
+    robust : bool
+        Whether ``near`` minimises another loss than squares.
+    only_stable : bool
+        Whether the plant counts as stable.
+
+    Returns
+    -------
+    Estimate
+    """
+    known = controller if isinstance(controller, TransferFunction) else None
+    if known is not None:
+        refuse_unknown_loop(asked.records, asked.structure, known)
+    say("what the reference drives")
+    rule = None if known is None else rule_of(asked.records, asked.structure, known)
+    exactly = rule is not None and rule.exact
+    taken = assumed(controller, asked.records, asked.structure)
+    kind = "sampled" if exactly else taken.sampling
+    together = together_findings(asked.records)
+    parts = [driven(record, between=kind == "continuous") for record in asked.records]
+    loop = (*together, *driving_findings(parts))
+    if known is None and (begun := with_start(list(asked.records))) != list(asked.records):
+        asked = replace(asked, records=tuple(begun))
+        parts = [driven(record, between=kind == "continuous") for record in begun]
+    if not loop and not only_stable and (coloured is not None or not robust):
+        unstable = unstable_estimate(parts, kind, asked, coloured is not None, say)
+        if unstable is not None and not taken.certain:
+            unstable = of_either_kind(unstable, taken, asked, coloured is not None, say)
+        if unstable is not None:
+            again = partial(reference_estimate, asked, controller, plain, near, coloured, say)
+            return _or_stable(unstable, partial(again, robust=robust, only_stable=True))
+    if not loop and not only_stable:
+        again = partial(reference_estimate, asked, controller, plain, near, coloured, say)
+        among = partial(again, robust=robust, only_stable=True)
+        other = refuse_not_stable(asked, kind, robust, among, say)
+        if other is not None:
+            return other
+    found = _white(parts, kind, asked.structure, plain, near, say, again=known is None)
+    told, how = f"controller taken as {IN_WORDS[kind]}{taken.why}", rule
+    findings: tuple[Finding, ...] = ()
+    moved: Array | None = None
+    if known is not None and not exactly:
+        say("the loop with the controller given")
+        found, how = _with_controller(found, known, rule, asked.structure, plain, near, say)
+        if how is not None and not how.explains:
+            taken = assumed("unknown", asked.records, asked.structure)
+            told = f"controller taken as {IN_WORDS[taken.sampling]}{taken.why}"
+    if not taken.certain:
+        found, told, findings, moved = _either(found, taken, asked.structure, near, say)
+    findings = (*following_findings(found), *findings)
+    if coloured is not None:
+        found = _with_noise_model(found, asked.structure, coloured, say)
+    found, wider = with_returned_errors(found)
+    found = with_fall(found)
+    told = f"{told}; {wider}" if wider else told
+    found, far = _reaching(found, moves_between(found))
+    told = f"{told}; {BETWEEN} {far:.1f} times as large" if far > NOTABLE else told
+    findings = (*findings, *_hanging(far))
+    found = found if moved is None else _reaching(found, (moved,))[0]
+    if known is not None:
+        given = by_likelihood(found, how, coloured is not None, say)
+        told = told if how is not None and not how.explains else given.told
+        found, findings = given.rooted, (*findings, *given.findings)
+    return completed(asked, found, told, findings=(*loop, *findings))
+
+
+def _hanging(far: float) -> tuple[Finding, ...]:
+    """What is to be said where most of the errors is what is not known between the samples."""
+    if far < HANGS:
+        return ()
+    return (
+        Finding(
+            "intersample",
+            "warning",
+            f"The controller is continuous; {BETWEEN} {far:.1f} times as large. A response that is "
+            "over within a sample is not in the record, and the truth may be farther off.",
+            "Sample faster, by five times if possible, or give the controller.",
+        ),
+    )
+
+
+def _or_stable(found: NotStable, stable: Callable[[], Estimate]) -> Estimate:
+    """A plant that is not stable; or a stable one, where the first may be none and it is better."""
+    try:
+        other = stable() if found.follows or found.unseen else None
+    except TridentifyError:
+        other = None
+    return found.estimate if other is None else found.or_stable(other)
+
+
+def _reaching(found: Rooted, moves: Sequence[Array]) -> tuple[Rooted, float]:
+    """With errors that reach as far as the coefficients may have moved, and by how much larger."""
+    estimate = found.estimate
+    cov, draws = widened_by(estimate.cov, estimate.draws, moves)
+    wider = replace(estimate, cov=cov, draws=draws)
+    free = estimate.std > 0.0
+    far = float(np.max(wider.std[free] / estimate.std[free], initial=1.0))
+    return replace(found, estimate=wider), far
+
+
+def _either(
+    found: Rooted,
+    taken_for: Assumed,
+    structure: Structure,
+    near: Callable[[TransferFunction], Method],
+    say: Callable[[str], None],
+) -> tuple[Rooted, str, tuple[Finding, ...], Array | None]:
+    """The root for one kind of controller or the other, as the record says."""
+    try:
+        other = _other(found, structure, near, say)
+    except TridentifyError as refused:
+        kind = found.loops[0].sampling
+        without = f"as {IN_WORDS[opposite(kind)]}, no estimate: {refused}"
+        return found, f"controller taken as {IN_WORDS[kind]}{taken_for.why}; {without}", (), None
+    seen = compared(found, other, taken_for)
+    return other if seen.turned else found, seen.told, seen.findings, seen.moved
+
+
+def _white(
+    parts: Sequence[Driven],
+    sampling: Sampling,
+    structure: Structure,
+    plain: Method,
+    near: Callable[[TransferFunction], Method],
+    say: Callable[[str], None],
+    *,
+    again: bool = True,
+) -> Rooted:
+    """The root for one kind of controller and white noise.
+
+    With ``again`` the driven input of a continuous controller is found anew, beside the noise.
+    """
+    loops = [Loop(part, sampling) for part in parts]
+    first = plain.estimate([one.instrument for one in loops], structure)
+    best = _nearer(root(loops, structure, first, near, say), structure, near, say)
+    # between the samples the driven input itself counts, and not its shape alone
+    return _renewed(best, structure, near, say) if sampling != "sampled" and again else best
+
+
+def _nearer(
+    best: Rooted,
+    structure: Structure,
+    near: Callable[[TransferFunction], Method],
+    say: Callable[[str], None],
+) -> Rooted:
+    """The root from the open-loop fit, where that leaves clearly less of the output.
+
+    Where most of what moved is no reference's doing, a start or a disturbance, the passes may end
+    at a root that explains hardly any of it.
+    """
+    try:
+        open_loop = near(best.estimate.model).estimate(
+            [one.record for one in best.loops], structure
+        )
+        least = _mean_square(residuals(best.loops, open_loop))
+        if _mean_square(residuals(best.loops, best.estimate)) < FARTHER * least:
+            return best
+        other = root(best.loops, structure, open_loop, near, say)
+    except TridentifyError:
+        return best
+    before, after = (_mean_square(residuals(one.loops, one.estimate)) for one in (best, other))
+    return other if FARTHER * after < before else best
+
+
+def _renewed(
+    best: Rooted,
+    structure: Structure,
+    near: Callable[[TransferFunction], Method],
+    say: Callable[[str], None],
+    tolerance: float = STILL,
+) -> Rooted:
+    """The root with the driven input apart from the noise; the one that was, where it is worse.
+
+    Where hardly any noise is left, what is follows the reference and would take its part.
+    """
+    try:
+        end = root(
+            best.loops, structure, best.estimate, near, say, MOST_BESIDE,
+            renewed=True, tolerance=tolerance,
+        )  # fmt: skip
+    except TridentifyError:
+        return best
+    before, after = (_mean_square(residuals(one.loops, one.estimate)) for one in (best, end))
+    no_worse = after < (1.0 + WORSE * best.still) * before
+    if not (end.still and no_worse if best.still else end.still or no_worse):
+        return best
+    return replace(end, passes=end.passes + best.passes)
+
+
+def _mean_square(left: Sequence[Array]) -> float:
+    """Of the residuals of all outputs, each relative to nothing but itself."""
+    return float(np.exp(np.mean(np.log(np.nanmean(np.vstack(left) ** 2, axis=0) + 1e-300))))
+
+
+def _with_controller(
+    best: Rooted,
+    controller: TransferFunction,
+    rule: Worked | None,
+    structure: Structure,
+    plain: Method,
+    near: Callable[[TransferFunction], Method],
+    say: Callable[[str], None],
+) -> tuple[Rooted, Worked | None]:
+    """The root where the loop is simulated with its controller, and how that worked.
+
+    If it worked on samples there is nothing to simulate: the input is known between them. If the
+    input was made by something else, that is taken for a controller that is not known.
+    """
+    parts = [one.driven for one in best.loops if isinstance(one.driven, Driven)]
+    first, kind = best.estimate.model, best.loops[0].sampling
+    try:
+        known: list[Loop] = [known_loop(part, first, controller, kind) for part in parts]
+        how = how_it_worked(replace(best, loops=known), rule)
+    except DataError:
+        if rule is None or not rule.seen:
+            raise
+        how = rule
+    taken: Sampling = "sampled"
+    if how is not None and not how.explains:
+        taken = assumed("unknown", [part.record for part in parts], structure).sampling
+    elif how is None or how.sampling == "continuous":
+        found = root(known, structure, best.estimate, near, say)
+        return replace(found, passes=found.passes + best.passes), how
+    held = [driven(part.record, between=taken == "continuous") for part in parts]
+    return _white(held, taken, structure, plain, near, say), how
+
+
+def _other(
+    best: Rooted,
+    structure: Structure,
+    near: Callable[[TransferFunction], Method],
+    say: Callable[[str], None],
+) -> Rooted:
+    """The root for the other kind of controller, from the one that is there."""
+    kind = opposite(best.loops[0].sampling)
+    others = [Loop(driven(one.record, between=kind == "continuous"), kind) for one in best.loops]
+    return root(others, structure, best.estimate, near, say)
+
+
+def _with_noise_model(
+    white: Rooted, structure: Structure, method: Method, say: Callable[[str], None]
+) -> Rooted:
+    """The same on whitened samples, where the residual calls for a model of the noise."""
+    say("coloured noise")
+    at, loops = white.estimate.model, white.loops
+    first = method.estimate([without_rest(one, at) for one in loops], structure)
+    if not any(a.size for a in first.noise_model):
+        return replace(white, estimate=first)
+    # each pass is itself no stiller than that, with its noise model
+    found = root(
+        loops, structure, first, lambda _: method, say, patience=PATIENCE, tolerance=NOISE_STILL
+    )
+    found = replace(found, passes=found.passes + white.passes)
+    fitted = all(isinstance(one.driven, Driven) for one in loops)
+    # at a limit there is no root to come to, and each pass costs a whole estimate
+    at_limit = found.estimate.status in (Status.AT_STABILITY_LIMIT, Status.AT_SAMPLING_LIMIT)
+    if loops[0].sampling == "sampled" or not fitted or at_limit:
+        return found
+    return _renewed(found, structure, lambda _: method, say, tolerance=NOISE_STILL)
+
+
+def completed(
+    asked: Request,
+    best: Rooted,
+    *told: str,
+    findings: Sequence[Finding] = (),
+) -> Estimate:
+    """The last pass as an estimate of the records as they were given."""
+    estimate, loops = best.estimate, best.loops
+    left = np.vstack(residuals(loops, estimate))
+    y = np.vstack([record.y - np.nanmean(record.y, axis=0) for record in asked.records])
+    fit = 100.0 * (1.0 - np.sqrt(np.nansum(left**2, axis=0) / np.nansum(y**2, axis=0)))
+    driven_by = ", ".join(one.driven.words for one in loops)
+    given = {one.controller for one in loops if isinstance(one, KnownLoop)}
+    words = [f"reference route: {driven_by}, {best.passes} passes", *told]
+    status = estimate.status
+    if not best.still:
+        words.append(f"not at rest: the last pass moved a coefficient by {best.moved:.2g} errors")
+        status = Status.WEAKLY_IDENTIFIABLE if status.ok else status
+    return replace(
+        estimate,
+        fit=fit,
+        status=status,
+        findings=(*estimate.findings, *coarse_findings(best), *findings),
+        method=asked.method,
+        n_samples=asked.n_samples,
+        dt=asked.dt,
+        intersample=asked.records[0].behaviour,
+        record_fingerprint=asked.fingerprint,
+        route="reference",
+        loop=LoopTaken(loops[0].sampling, next(iter(given), None)),
+        trace=estimate.trace.told(*words, *asked.told),
+    )

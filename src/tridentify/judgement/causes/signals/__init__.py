@@ -1,0 +1,1 @@
+"""What samples alone say: levels, surprises, converter steps, a start that is no measurement."""

@@ -1,0 +1,1 @@
+"""Tests of a residual, each allowing for what the others found."""

@@ -1,0 +1,1 @@
+"""The three models on-line by the gradient rule of the paper."""

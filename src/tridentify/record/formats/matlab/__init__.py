@@ -1,0 +1,1 @@
+"""MATLAB files, whatever version wrote them."""

@@ -1,0 +1,1 @@
+"""Delimited text: how it begins, its cells, rows and columns."""
