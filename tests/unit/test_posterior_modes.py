@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tridentify import Record, Structure, ThreeModel, TransferFunction, simulate
+from tridentify import Record, Status, Structure, ThreeModel, TransferFunction, identify, simulate
 from tridentify.estimation.posterior import mean
+from tridentify.estimation.posterior.mean import Posterior
 
 DT = 0.1
 
@@ -61,3 +62,23 @@ def test_a_record_that_excludes_a_pole_has_a_posterior():
     assert estimate.status.name == "POSTERIOR_MEAN"
     slow = np.sort_complex(estimate.model.poles)[1:]
     np.testing.assert_allclose(np.poly(slow), [1.0, 1.2, 4.0], rtol=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [34, 35, 44])
+def test_a_resonance_that_rings_along_with_loud_noise_is_not_believed(seed):
+    """A step in three times its noise: hundreds of narrow resonances explain some of that."""
+    u = np.ones(1000)
+    y = simulate(TransferFunction([0.5], [1.0, 1.0, 3.0]), Record(u, u, dt=0.05))[:, 0]
+    y = y + 0.49987 * np.random.default_rng([88, seed]).standard_normal(1000)
+    asked = Structure(2, 0, offset=False, initial_state="rest")
+    estimate = identify(Record(u, y, dt=0.05), asked, throw=False)
+    assert estimate.status is Status.POSTERIOR_MEAN
+    assert np.all(np.abs(estimate.theta - [1.0, 3.0, 0.5]) < 12.0 * estimate.std)
+
+
+def test_the_share_of_draws_at_a_maximum():
+    draws = np.array([[2.0, 5.0], [2.1, 5.2], [2.0, 5.0], [9.0, 50.0]])
+    poles = np.array([-1.0 + 2.0j, -1.0 - 2.0j])
+    found = Posterior(poles, draws, 100.0, 4)
+    assert found.share_at(poles, np.diag([0.01, 0.04])) == 0.75

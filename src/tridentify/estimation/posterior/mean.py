@@ -83,6 +83,13 @@ MORE = 7
 TOO_FEW = 5.0
 """Independent draws below which nothing is said: not even a standard deviation is known to a
 third."""
+AT_LEAST = 20.0
+"""Independent draws that end the last rounds: a standard deviation is known to a sixth."""
+LAST = 24
+"""Rounds after those, where draws are still too few: in loud noise hundreds of narrow resonances
+each explain some of it, and all of them together are to be weighed."""
+NEAR = 4.0
+"""Standard errors of a maximum, and by square root of the number of poles, that it reaches."""
 SURE = 2.0
 """Standard errors between a pole and what the record excludes."""
 NORMAL = NormalDist()
@@ -113,6 +120,14 @@ class Posterior:
     def usable(self) -> bool:
         """Whether the draws say anything."""
         return self.effective >= TOO_FEW
+
+    def share_at(self, poles: Complex, cov: Array) -> float:
+        """Share of the draws within `NEAR` standard errors of a maximum with so much covariance."""
+        n = poles.size
+        off = self.draws[:, :n] - denominator(poles)[1:]
+        scale = np.sqrt(np.maximum(np.diag(cov), 1e-300))
+        whitened = (off / scale) @ np.linalg.pinv(cov / np.outer(scale, scale), hermitian=True)
+        return float(np.mean(np.sum(whitened * off / scale, axis=1) < n * NEAR**2))
 
     def nearest(self, problem: Problem) -> Complex:
         """(n,) poles of the draw that is nearest to the mean, for where the likely lie on a curve.
@@ -283,7 +298,7 @@ def posterior(problem: Problem, near: Sequence[tuple[Complex, Array | None]]) ->
         seen.append(found)
         return found.log_density
 
-    goals = (ENOUGH,) * n + (SOME,) * MORE
+    goals = (ENOUGH,) * n + (SOME,) * (MORE - 1) + (TOO_FEW,) + (AT_LEAST,) * LAST
     drawn = sample(density, first_draws(problem, near), ROUND, goals, generator)
     whole = Surface.joined(seen)
     order = np.arange(1, n + 1)
