@@ -148,6 +148,8 @@ class ThreeModel:
     """What tables and files call it."""
     capabilities: ClassVar[Capability] = EVERYTHING
     """All of them."""
+    insists: ClassVar[bool] = True
+    """Whether an end at a limit is searched for once more."""
 
     def __post_init__(self) -> None:
         check_count("starts", self.starts)
@@ -267,7 +269,7 @@ class ThreeModel:
         if located is not None:
             question, starts = question.freed(located.limits), starts.beside(located.place.poles)
         # Step 4: repeated on adapted operators, to the stationary point of the output error
-        best = maximum(question, starts)
+        best = maximum(question, starts, again=self.insists)
         # the noise modelled where it is not white, and all steps again on whitened samples
         ended, in_loop = question.ended(best.end.point), route == "direct"
         best = with_noise_model(noise, ended, starts, best, in_loop=in_loop)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,7 +13,9 @@ from tridentify.judgement.selection.finish_candidates import (
     WORSE,
     CandidateTask,
     Entry,
+    begun,
     contained,
+    is_on_white,
     narrowed,
     noise_orders,
     nuisance_choices,
@@ -22,6 +24,7 @@ from tridentify.judgement.selection.finish_candidates import (
     with_nuisances,
 )
 from tridentify.judgement.selection.table import SelectionTable, table_of
+from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 
 
@@ -33,10 +36,19 @@ class Contest:
     method: Method
     run: Callable[[Any, Iterable[Any], str], list[Any]]
 
-    def table(self, tasks: Sequence[CandidateTask]) -> SelectionTable:
-        """Every candidate on the likelihood's maximum, on the same terms."""
+    def table(self, tasks: Sequence[CandidateTask], alone: Mapping[int, Entry]) -> SelectionTable:
+        """Every candidate on the likelihood's maximum, on the same terms.
+
+        Parameters
+        ----------
+        tasks : sequence of CandidateTask
+        alone : mapping of int to Entry
+            Where candidates ended by themselves, by their place.
+        """
         orders = (0,) * self.records[0].n_outputs
-        entries = self.run(run_task, tasks, f"{len(tasks)} candidates on the likelihood's maximum")
+        first = [begun(task, alone[k]) if k in alone else task for k, task in enumerate(tasks)]
+        said = f"{len(tasks)} candidates on the likelihood's maximum"
+        entries = self._ended(first, said)
         table = table_of(self._improved(tasks, entries, orders), self.records, orders)
         for _ in range(MOST_ROUNDS):
             best = table.best("aicc")
@@ -47,20 +59,25 @@ class Contest:
             table = table_of(table.entries, self.records, orders)
             pinned = self._same_nuisances(tasks, table, orders)
             own = [
-                narrowed(task, (*task.seeds, entry.poles), noise)
+                entry if _is_on(entry, task, noise) else narrowed(task, entry.poles, noise)
                 for task, entry, noise in zip(pinned, table.entries, table.noise, strict=True)
-                if entry.poles is not None and entry.shared
             ]
-            done = iter(self.run(run_task, own, "all candidates on the same terms"))
-            entries = []
-            for entry in table.entries:
-                again = next(done) if entry.poles is not None and entry.shared else entry
-                entries.append(entry if again.estimate is None else again)
+            done = self._ended(own, "all candidates on the same terms")
+            entries = [
+                entry if again.estimate is None else again
+                for entry, again in zip(table.entries, done, strict=True)
+            ]
             entries = self._improved(pinned, entries, orders)
             table = table_of(entries, self.records, orders)
             if not any(orders):
                 break
         return table
+
+    def _ended(self, begun: Sequence[CandidateTask | Entry], said: str) -> list[Entry]:
+        """What became of tasks, and what stands already."""
+        tasks = [one for one in begun if isinstance(one, CandidateTask)]
+        done = iter(self.run(run_task, tasks, said) if tasks else ())
+        return [next(done) if isinstance(one, CandidateTask) else one for one in begun]
 
     def _same_nuisances(
         self, tasks: Sequence[CandidateTask], table: SelectionTable, orders: tuple[int, ...]
@@ -75,8 +92,7 @@ class Contest:
         if len(open_) < 2:
             return list(tasks)
         tried = [
-            narrowed(with_nuisances(task, terms), (entry.poles,), table.noise[best])
-            for terms in open_
+            narrowed(with_nuisances(task, terms), entry.poles, table.noise[best]) for terms in open_
         ]
         entries = self.run(run_task, tried, "which nuisance terms")
         chosen = table_of(entries, self.records, orders).best("bic")
@@ -110,7 +126,7 @@ class Contest:
                     if entry.poles.size > small.poles.size:
                         seeds = raised([*task.seeds, entry.poles], small.poles)
                     noise = table.noise[j] if any(orders) else ()
-                    again = replace(task, seeds=tuple(seeds), noise=noise, search=True)
+                    again = replace(task, seeds=tuple(seeds), noise=noise)
                     retries.append((k, again))
         said = "candidates that fell behind lesser ones again"
         outcomes = self.run(run_task, [task for _, task in retries], said) if retries else []
@@ -120,3 +136,21 @@ class Contest:
             if other is not None and own is not None and other.deviance < own.deviance:
                 found[k] = entry
         return found
+
+
+def _is_on(entry: Entry, task: CandidateTask, noise: tuple[Array, ...]) -> bool:
+    """Whether an entry cannot be finished anew, or stands where it would end."""
+    if entry.poles is None or not entry.shared or entry.estimate is None:
+        return True
+    if any(a.size for a in noise) or not is_on_white(entry.estimate):
+        return False
+    own, asked = entry.estimate.structure, task.structure
+    pairs = (
+        (own.offset, asked.offset),
+        (own.drift, asked.drift),
+        (
+            own.initial_state,
+            asked.initial_state,
+        ),
+    )
+    return all(asked in (own, None, "auto") for own, asked in pairs)

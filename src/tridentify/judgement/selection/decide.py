@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from tridentify.estimation.answer.cancelling import CANCELS
 from tridentify.estimation.answer.estimate import Estimate, Status
 from tridentify.estimation.likelihood.raster import are_even
 from tridentify.judgement.causes.surprises import moved
+from tridentify.judgement.selection.at_maximum import SUPPOSED, is_open, supposing
 from tridentify.judgement.selection.criteria import (
     Criteria,
     free_coefficients,
@@ -32,13 +33,15 @@ from tridentify.judgement.selection.rule import (
     recommend,
     refuted,
 )
-from tridentify.judgement.selection.soundness import apart_from_vagueness, doubts
+from tridentify.judgement.selection.soundness import VAGUE, apart_from_vagueness, doubts
 from tridentify.judgement.selection.table import SelectionTable
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.kept import cached_property
+from tridentify.numerics.kept import Beside, cached_property
 from tridentify.numerics.whiteness import is_white
 from tridentify.record.record import Record
 from tridentify.structure import Structure
+
+_UNSEEN = Beside[Unseen]("unseen")
 
 SURE = 1e-3
 """Probability that a right model's residual is taken for one that follows the input, or that is
@@ -72,6 +75,33 @@ class OrderEvidence:
     whole: tuple[Entry, ...]
     held: tuple[HeldOut, ...]
     lags: bool = False
+    under: dict[int | None, tuple[Unseen, ...]] = field(default_factory=dict, init=False)
+
+    @cached_property
+    def unseen(self) -> tuple[Unseen, ...]:
+        """The held-out errors of each row."""
+        return tuple(
+            _UNSEEN.find(one, self.judges)
+            or _UNSEEN.keep(_unseen(one, self.judges), one, self.judges)
+            for one in self.held
+        )
+
+    def whitened(self, place: int | None) -> tuple[Unseen, ...]:
+        """The same, under the noise model of one candidate."""
+        if place not in self.under:
+            noise = () if place is None else tuple(self.table.noise[place])
+            self.under[place] = tuple(replace(one, noise=noise) for one in self.unseen)
+        return self.under[place]
+
+    @cached_property
+    def following(self) -> tuple[bool, ...]:
+        """Whether the residual of each candidate follows the input, or is not what it rests on."""
+        pairs = zip(self.table.entries, self.table.noise, strict=True)
+        return tuple(
+            entry.estimate is not None
+            and (follows_input(entry, noise, self.records) or misleads(entry, self.records))
+            for entry, noise in pairs
+        )
 
     @cached_property
     def rows(self) -> tuple[SelectionRow, ...]:
@@ -99,7 +129,9 @@ class Decision:
     verdict: Verdict
 
 
-def decide(known: OrderEvidence, least: int = 0) -> Decision:
+def decide(
+    known: OrderEvidence, least: int = 0, supposed: tuple[str, ...] | None = None
+) -> Decision:
     """The recommendation.
 
     Parameters
@@ -107,8 +139,10 @@ def decide(known: OrderEvidence, least: int = 0) -> Decision:
     known : OrderEvidence
     least : int
         Poles that are known to rise above the noise.
+    supposed : tuple of str, optional
+        What to take as said against rows that are open (`at_maximum`).
     """
-    rows, table = list(known.rows), known.table
+    rows, table = supposing(known.rows, supposed), known.table
     objections = _objections(table.contenders, rows)
     contenders = [
         replace(one, known=one.known and not against)
@@ -120,13 +154,12 @@ def decide(known: OrderEvidence, least: int = 0) -> Decision:
     explains = (
         likeliest is not None
         and not (apart_from_vagueness(against) if found else against)
-        and not follows_input(table.entries[likeliest], table.noise[likeliest], known.records)
-        and not misleads(table.entries[likeliest], known.records)
+        and not known.following[likeliest]
     )
-    noise = () if likeliest is None else table.noise[likeliest]
+    pairs = zip(rows, known.held, known.unseen, known.whitened(likeliest), strict=True)
     trials = [
-        replace(_trial(row, fit, noise, known.judges), misses=_misses_late(known, k))
-        for k, (row, fit) in enumerate(zip(rows, known.held, strict=True))
+        replace(_trial(*one), misses=known.structures[k].delay == "free" and known.following[k])
+        for k, one in enumerate(pairs)
     ]
     verdict = recommend(
         trials,
@@ -144,11 +177,43 @@ def decide(known: OrderEvidence, least: int = 0) -> Decision:
     return Decision(tuple(rows), tuple(contenders), likeliest, verdict)
 
 
-def _misses_late(known: OrderEvidence, k: int) -> bool:
-    """Whether a row has a delay of its own, and its residual follows the input all the same."""
-    entry, noise = known.table.entries[k], known.table.noise[k]
-    late = known.structures[k].delay == "free" and entry.estimate is not None
-    return late and follows_input(entry, noise, known.records)
+def at_stake(known: OrderEvidence, found: Decision, least: int = 0) -> list[int]:
+    """Open rows of which it matters what their posterior mean says.
+
+    The recommended row and the likeliest, those that would change the recommendation if nothing
+    spoke against them, or more, and the smaller ones beside which causes are fitted.
+
+    Parameters
+    ----------
+    known : OrderEvidence
+    found : Decision
+        Made of it.
+    least : int
+        As of `decide`.
+    """
+    rows = known.rows
+    open_ = {k for k, row in enumerate(rows) if is_open(row.estimate)}
+    if not open_:
+        return []
+    every = [found, *(decide(known, least, one) for one in SUPPOSED)]
+    places = {one.verdict.place for one in every}
+    named = places | {one.likeliest for one in every}
+    if len(places) > 1:
+        named |= {one.verdict.best for one in every}
+    wanted = {k for k in open_ if k in named}
+    if len(places) > 1 and not wanted:
+        wanted = open_
+    place = found.verdict.place
+    most = 0 if place is None else rows[place].n_coefficients
+    small = {k for k in open_ if rows[k].n_coefficients <= most}
+    return sorted(wanted | {k for k in small if _may_be_sound(rows[k], known.records)})
+
+
+def _may_be_sound(row: SelectionRow, records: Sequence[Record]) -> bool:
+    """Whether the maximum leaves it open what an open row is worth."""
+    estimate = row.estimate
+    assert estimate is not None
+    return not (estimate.status.ok and doubts(estimate, records))
 
 
 def _with_more(
@@ -182,6 +247,7 @@ def _row(
     estimate = entry.estimate
     if estimate is None:
         return SelectionRow(structure, None, entry.reason or "no estimate")
+    open_ = is_open(estimate)
     widest_std, widest = largest_relative_std(estimate)
     # earlier passes may carry nuisance terms that depend on each other and were left out
     last = estimate.trace.passes[-1].steps if estimate.trace.passes else ()
@@ -193,13 +259,13 @@ def _row(
         fit=estimate.fit,
         cross_fit=held.fit,
         held_out_reason=held.reason,
-        doubts=doubts(estimate, records),
+        doubts=(VAGUE,) if open_ else doubts(estimate, records),
         condition=max(conditions, default=math.nan),
         relative_std=widest_std,
         widest=widest,
         n_coefficients=free_coefficients(estimate),
-        identified=True,
-        ok=estimate.status.ok,
+        identified=not open_,
+        ok=open_ or estimate.status.ok,
     )
     if criteria is None or maximum is None:
         return row
@@ -232,21 +298,18 @@ def _order(row: SelectionRow) -> tuple[int, int] | None:
 
 def _is_sharp(row: SelectionRow) -> bool:
     """Whether the likelihood is as good as Gaussian about an estimate."""
-    return row.estimate is not None and row.estimate.status is Status.CONVERGED
+    return row.identified and row.estimate is not None and row.estimate.status is Status.CONVERGED
 
 
-def _trial(
-    row: SelectionRow, held: HeldOut, noise: Sequence[Array], records: Sequence[Record]
-) -> Trial:
+def _trial(row: SelectionRow, held: HeldOut, unseen: Unseen, whitened: Unseen) -> Trial:
     """A candidate on samples that it has not seen."""
     if row.estimate is None:
         return Trial(0, Unseen(), Unseen(), False, False)
-    unseen = _unseen(held, records)
     size, order = _sizes(row)
     return Trial(
         size,
         unseen,
-        replace(unseen, noise=tuple(noise)),
+        whitened,
         not row.doubts and not held.reason,
         row.ok,
         order,

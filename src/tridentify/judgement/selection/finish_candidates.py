@@ -1,12 +1,9 @@
 """Every candidate finished on the likelihood's maximum, all on the same terms.
 
-1. Each candidate is finished from the best of its starts: where it ended by itself, balanced
-   truncations of the parallel model and a discrete-time model. Where the parallel model explains
-   more, single poles or pairs are then tried elsewhere (`search.following.Search.move`), as in the
-   search of one structure.
+1. Each candidate begins where it ended by itself.
 2. A candidate that contains another one cannot explain less. Where it does, its end was a local
    minimum, and it begins again from the poles of the lesser one with one pole more, taken from its
-   own starts.
+   own end.
 3. The residual of the candidate of lowest AICc is tested for whiteness. If it is noise that is not
    white, *all* candidates get an autoregressive model of the same order, each with coefficients
    from its own residual, and are finished again on whitened samples; once more, as the residuals
@@ -31,28 +28,20 @@ import numpy as np
 
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.assemble import Request
-from tridentify.estimation.answer.estimate import Estimate, Status, Trace
+from tridentify.estimation.answer.estimate import Estimate, Trace
 from tridentify.estimation.likelihood.answer import Ending, estimate_from
 from tridentify.estimation.likelihood.choose_nuisance import decide
-from tridentify.estimation.likelihood.cost import Point, evaluate_variant
+from tridentify.estimation.likelihood.cost import evaluate_variant
 from tridentify.estimation.likelihood.levenberg_marquardt import (
     Patience,
-    at_rounding,
-    criterion,
     finish,
 )
 from tridentify.estimation.likelihood.noise_model import MOSTLY
 from tridentify.estimation.likelihood.nuisance import Nuisances, candidates
-from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.likelihood.question import Question
 from tridentify.estimation.likelihood.raster import are_even
-from tridentify.estimation.likelihood.thresholds import ALLOWANCE
 from tridentify.estimation.methods.base import Method, check
 from tridentify.estimation.methods.three_model import ThreeModel
-from tridentify.estimation.search.following import Search
-from tridentify.estimation.search.found import SearchEnd
-from tridentify.estimation.search.search import search_again
-from tridentify.estimation.search.starts import discrete_poles
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.autoregression import (
     deviance,
@@ -76,7 +65,6 @@ other."""
 WORSE = 0.05
 """Deviance [-2 log L] by which a candidate may end above one that it contains: from more its steps
 ended elsewhere, and it begins again from there."""
-SOUND = (Status.CONVERGED, Status.WEAKLY_IDENTIFIABLE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +72,7 @@ class CandidateTask:
     """One candidate and where to begin.
 
     ``shared`` says that it can be finished from ``seeds``; otherwise ``method`` identifies it.
-    Where a candidate comes to ``reach``, the AICc of the parallel model, there is nothing left to
-    search for. ``found`` is what ``method`` gave where it was asked already.
+    ``found`` is what ``method`` gave where it was asked already.
     """
 
     records: tuple[Record, ...]
@@ -94,8 +81,6 @@ class CandidateTask:
     seeds: tuple[Complex, ...] = ()
     noise: tuple[Array, ...] = ()
     shared: bool = True
-    search: bool = True
-    reach: float = -np.inf
     found: Estimate | None = None
 
 
@@ -142,44 +127,41 @@ def _finished(task: CandidateTask) -> tuple[Estimate, Complex]:
     check(records, structure, task.method.name, ThreeModel().capabilities)
     patience = task.method.patience if isinstance(task.method, ThreeModel) else Patience()
     question = Question.of(records, structure, patience=patience).whitened(task.noise)
-    found = decide(question, [_best(question.base, question.variants, task).poles])
-    lacks = found.best.criterion > task.reach + ALLOWANCE
-    if found.best.status not in SOUND and task.search and lacks:
-        poles, _ = search_again(question, found.best.nuisances, found.best.point.poles)
-        other = decide(question, [poles])
-        found = other if other.best.criterion < found.best.criterion else found
-    done, decisions = found.best, found.decisions
-    trace = Trace(tuple(done.recorder.passes), (), decisions, done.why)
+    found = decide(question, [_best(question, task.seeds)])
+    done = found.best
+    trace = Trace(tuple(done.recorder.passes), (), found.decisions, done.why)
     ending = Ending(done.point, done.nuisances, done.status, done.criterion, trace)
     estimate = estimate_from(ending, Request.of(records, structure, task.method.name))
     return estimate, done.point.poles
 
 
-def _best(base: Problem, variants: Sequence[Variant], task: CandidateTask) -> Point:
-    """The lowest point reached from the seeds, with all nuisance terms."""
-    variant = variants[-1]
-    at = partial(evaluate_variant, base, variant)
-    seeds = [base.admissible(poles)[0] for poles in task.seeds]
-    if task.search or not seeds:
-        seeds.append(discrete_poles(base))
+def _best(question: Question, given: Sequence[Complex]) -> Complex:
+    """The seed that leads lowest, or where it leads, with all nuisance terms."""
+    seeds = [question.base.admissible(poles)[0] for poles in given]
+    if len(seeds) == 1:
+        return seeds[0]
+    at = partial(evaluate_variant, question.base, question.variants[-1])
     points = sorted((at(poles) for poles in seeds), key=lambda point: point.objective)
-    if not task.search:
-        return points[0]
-    ends = []
-    for point in points[:FOLLOWED]:
-        ends.append(finish(at, point, None, FEW_STEPS)[0])
-        if at_rounding(ends[-1]) or criterion(ends[-1]) < task.reach + ALLOWANCE:
-            return ends[-1]
-    best = min(ends, key=lambda point: point.objective)
-    return Search(1).move(SearchEnd(base, best, variant, np.inf, False))
+    ends = [finish(at, point, None, FEW_STEPS)[0] for point in points[:FOLLOWED]]
+    return min(ends, key=lambda point: point.objective).poles
 
 
-def seeded(task: CandidateTask, alone: Entry | None) -> CandidateTask:
-    """The candidate, begun also from where it ended by itself."""
-    if alone is None or alone.estimate is None or not task.shared:
-        return task
+def begun(task: CandidateTask, alone: Entry) -> CandidateTask | Entry:
+    """The candidate, to be finished from where it ended by itself; or the end, where it is that.
+
+    One that the whole search refuses is refused.
+    """
+    if alone.estimate is None:
+        return alone
     poles = sort_poles(scaled_roots(alone.estimate.model.den[0][0]))
+    if not task.seeds and is_on_white(alone.estimate) and not alone.estimate.noise_levels:
+        return replace(alone, poles=poles, shared=True)
     return replace(task, seeds=(poles, *task.seeds))
+
+
+def is_on_white(estimate: Estimate) -> bool:
+    """Whether its samples were not whitened."""
+    return not any(a.size for a in estimate.noise_model)
 
 
 def contained(small: Entry, large: Entry, shape: tuple[int, int]) -> bool:
@@ -287,8 +269,6 @@ def raised(seeds: Sequence[Complex], poles: Complex) -> list[Complex]:
     return found
 
 
-def narrowed(
-    task: CandidateTask, poles: Sequence[Complex], noise: tuple[Array, ...]
-) -> CandidateTask:
+def narrowed(task: CandidateTask, poles: Complex, noise: tuple[Array, ...]) -> CandidateTask:
     """The same candidate from poles that were found already."""
-    return replace(task, seeds=tuple(poles), noise=noise, search=False)
+    return replace(task, seeds=(poles,), noise=noise)

@@ -6,14 +6,12 @@ company it keeps.
 
 What decides compares them, and a likelihood can only be compared on the same terms. So the
 candidates are finished once more, from where each ended, on the maximum of one likelihood, with one
-noise model and the same nuisance terms (`contest`); there they share their work: the parallel model
-is fitted once (`shared`) and gives all of them further starts, and local minima show by comparison
-with lesser candidates.
+noise model and the same nuisance terms (`contest`); there local minima show by comparison with
+lesser candidates.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -27,20 +25,22 @@ from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.causes.intersample import behaviours, taken_as
 from tridentify.judgement.causes.wild_beginning import without_wild_beginning
 from tridentify.judgement.choice import checked_method, with_judgement
+from tridentify.judgement.selection.at_maximum import at_maximum
 from tridentify.judgement.selection.beside import bent, drifting
 from tridentify.judgement.selection.contest import Contest
 from tridentify.judgement.selection.decide import (
     Decision,
     OrderEvidence,
+    at_stake,
     decide,
     follows_input,
     misleads,
 )
-from tridentify.judgement.selection.finish_candidates import CandidateTask, Entry, run_task, seeded
+from tridentify.judgement.selection.finish_candidates import CandidateTask, Entry, run_task
 from tridentify.judgement.selection.hankel import Hankel, hankel_values
 from tridentify.judgement.selection.held_out import HeldEstimate, HeldOut, cross_fit
 from tridentify.judgement.selection.higher import higher_candidates
-from tridentify.judgement.selection.integrators import integrating
+from tridentify.judgement.selection.integrators import integrating, too_slow
 from tridentify.judgement.selection.late import are_lags, delayed, direct_and_delayed
 from tridentify.judgement.selection.orders import (
     checked_candidates,
@@ -49,7 +49,6 @@ from tridentify.judgement.selection.orders import (
 )
 from tridentify.judgement.selection.result import Selection, SelectionRow
 from tridentify.judgement.selection.settle import having_said, resettled, resettled_again, settle
-from tridentify.judgement.selection.shared import Shared, shared_models
 from tridentify.judgement.selection.table import SelectionTable, table_of
 from tridentify.judgement.selection.words import in_words, notes
 from tridentify.numerics.arrays import Complex
@@ -147,18 +146,18 @@ def select_structure(
         check_scale(given, min(structures, key=lambda one: np.max(one.poles)), *sizes)
     say = progress or (lambda _: None)
     with one_blas_thread():
-        settled = settle(given, unseen, structures, chosen, say)
+        settled = settle(given, unseen, structures, at_maximum(chosen), say)
         free = candidates is None if integrators is None else integrators
         late = candidates is None if delays is None else delays
         work = _Work(settled.records, chosen, executor, say, settled.identified, free, late)
         work = replace(work, left_open=bool(settled.told))
         opened = work.opened(structures)
         while candidates is None and (
-            more := higher_candidates(work.records, structures, opened.table, chosen)
+            more := higher_candidates(work.records, structures, opened.table, work.quick)
         ):
             structures, work = more.structures, replace(work, found=(*work.found, more.poles))
             opened = work.opened(structures, opened.whole)
-        other = resettled(given, unseen, settled, opened.table, chosen)
+        other = resettled(given, unseen, settled, opened.table, work.quick)
         if other is not None:
             settled, work = other, replace(work, records=other.records, identified=None)
             opened = work.opened(structures)
@@ -208,6 +207,11 @@ class _Work:
     found: tuple[Complex, ...] = ()
     left_open: bool = False
 
+    @property
+    def quick(self) -> Method:
+        """What candidates are identified by until one of them matters."""
+        return at_maximum(self.method)
+
     def run(self, function: Any, tasks: Iterable[Any], said: str) -> list[Any]:
         """All tasks, in their order."""
         self.say(said)
@@ -228,12 +232,9 @@ class _Work:
 
         Those of ``before``, of the same records, are not identified again.
         """
-        self.say("the parallel model, for all candidates")
-        tasks = self._tasks(structures, self._shared(structures))
+        tasks = self._tasks(structures)
         alone = self._identified(tasks, before)
-        tasks = [seeded(task, alone.get(k)) for k, task in enumerate(tasks)]
-        table = Contest(self.records, self.method, self.run).table(tasks)
-        # one that the whole search refuses is refused, whatever the contest made of it
+        table = Contest(self.records, self.method, self.run).table(tasks, alone)
         whole = (alone.get(k, entry) for k, entry in enumerate(table.entries))
         return _Opened(table, tuple(whole))
 
@@ -254,28 +255,28 @@ class _Work:
             tuple(self._held_out(opened.whole, structures, unseen)),
         )
         if self.free:
+            evidence = self._weighed(evidence, too_slow(evidence.rows, self.records), unseen)
             asked = integrating(evidence.rows, self.records)
             evidence = self._with(evidence, asked, "candidates with a pole at zero", unseen)
-        found = decide(evidence)
+        evidence, found = self._decided(evidence, unseen)
         if self.free:
             asked = drifting(found.rows, found.verdict.place, self.records)
             evidence = self._with(evidence, asked, "candidates with a drift", unseen)
-            found = decide(evidence) if asked else found
+            evidence, found = self._decided(evidence, unseen) if asked else (evidence, found)
         if self.late and isinstance(self.method, ThreeModel):
             self.say("whether a delay is missing")
             asked = delayed(found.rows, found.verdict.place, self.records)
             evidence = self._with(evidence, asked, "candidates with a delay", unseen)
-            found = decide(evidence) if asked else found
+            evidence, found = self._decided(evidence, unseen) if asked else (evidence, found)
             if found.verdict.by == "slight" and found.likeliest is not None:
                 lags = are_lags(found.rows, found.likeliest, self.records)
-                evidence = replace(evidence, lags=lags)
-                found = decide(evidence)
-        rows, found, hankel = self._concluded(evidence, found)
+                evidence, found = self._decided(replace(evidence, lags=lags), unseen)
+        evidence, rows, found, hankel = self._concluded(evidence, found, unseen)
         asked = direct_and_delayed(rows, found.verdict.place, self.records) if self.late else []
         if asked and isinstance(self.method, ThreeModel):
             said = "candidates with a delay and as many zeros as poles"
-            evidence = self._with(evidence, asked, said, unseen)
-            rows, found, hankel = self._concluded(evidence, decide(evidence))
+            evidence, found = self._decided(self._with(evidence, asked, said, unseen), unseen)
+            evidence, rows, found, hankel = self._concluded(evidence, found, unseen)
         place, table = found.verdict.place, evidence.table
         missed = place is not None and self._missed(evidence.whole[place])
         coloured = place is not None and misleads(evidence.whole[place], self.records)
@@ -283,13 +284,37 @@ class _Work:
         told = (*told, *notes(table.noise, bool(unseen)))
         return Selection(tuple(rows), None if place is None else rows[place], reason, hankel, told)
 
+    def _decided(
+        self, evidence: OrderEvidence, unseen: tuple[Record, ...], least: int = 0
+    ) -> tuple[OrderEvidence, Decision]:
+        """The recommendation, and the evidence with the means that it takes."""
+        found = decide(evidence, least)
+        while wanted := at_stake(evidence, found, least):
+            evidence = self._weighed(evidence, wanted, unseen)
+            found = decide(evidence, least)
+        return evidence, found
+
+    def _weighed(
+        self, known: OrderEvidence, places: Sequence[int], unseen: tuple[Record, ...]
+    ) -> OrderEvidence:
+        """The same with some rows as `identify` gives them to the end."""
+        asked = [known.structures[k] for k in places]
+        tasks = [CandidateTask(self.records, one, self.method, shared=False) for one in asked]
+        entries = self.run(run_task, tasks, "candidates weighed by all that explains the record")
+        whole, held = list(known.whole), list(known.held)
+        for k, entry, seen in zip(
+            places, entries, self._held_out(entries, asked, unseen), strict=True
+        ):
+            whole[k], held[k] = entry, seen
+        return replace(known, whole=tuple(whole), held=tuple(held))
+
     def _concluded(
-        self, evidence: OrderEvidence, found: Decision
-    ) -> tuple[list[SelectionRow], Decision, Hankel | None]:
+        self, evidence: OrderEvidence, found: Decision, unseen: tuple[Record, ...]
+    ) -> tuple[OrderEvidence, list[SelectionRow], Decision, Hankel | None]:
         """Also by poles that rise above the noise and by what bends; the row with all it says."""
         hankel = self._hankel(evidence.table, found.verdict.place)
         if hankel is not None:
-            again = decide(evidence, hankel.order)
+            evidence, again = self._decided(evidence, unseen, hankel.order)
             if again.verdict.place != found.verdict.place:
                 found = again
                 hankel = self._hankel(evidence.table, again.verdict.place)
@@ -303,7 +328,7 @@ class _Work:
         rows, place = list(found.rows), found.verdict.place
         if place is not None:
             rows[place] = self._judged(rows[place])
-        return rows, found, hankel
+        return evidence, rows, found, hankel
 
     def _held_out(
         self, whole: Sequence[Entry], asked: Sequence[Structure], unseen: tuple[Record, ...]
@@ -322,7 +347,7 @@ class _Work:
         unseen: tuple[Record, ...],
     ) -> OrderEvidence:
         """The same with further rows, as far as they can be estimated."""
-        tasks = [CandidateTask(self.records, one, self.method, shared=False) for one in asked]
+        tasks = [CandidateTask(self.records, one, self.quick, shared=False) for one in asked]
         tried = self.counted(run_task, tasks, said)
         entries = [entry for entry in tried if entry.estimate is not None]
         if not entries:
@@ -352,29 +377,19 @@ class _Work:
             return False
         return follows_input(entry, entry.estimate.noise_model, self.records)
 
-    def _shared(self, structures: Sequence[Structure]) -> Shared | None:
-        able = [s for s in structures if self._can_share(s)]
-        try:
-            return shared_models(self.records, able)
-        except (TridentifyError, np.linalg.LinAlgError, ValueError):
-            return None
-
     def _can_share(self, structure: Structure) -> bool:
         plain = isinstance(self.method, ThreeModel) and self.method.loss == "squared"
         known = structure.delay != "free" and not structure.constrained
         return plain and known and structure.shared
 
-    def _tasks(self, structures: Sequence[Structure], shared: Shared | None) -> list[CandidateTask]:
+    def _tasks(self, structures: Sequence[Structure]) -> list[CandidateTask]:
         found = []
-        reach = -math.inf if shared is None else shared.models[0].criterion
-        orders = {one.common_poles for one in structures if self._can_share(one)}
-        reduced = {n: () if shared is None else shared.seeds(n) for n in orders}
         asked, estimate = self.identified or (None, None)
         for structure in structures:
-            able = shared is not None and self._can_share(structure)
+            able = self._can_share(structure)
             n = structure.common_poles if able else 0
-            seeds = (*reduced.get(n, ()), *(poles for poles in self.found if poles.size == n))
-            task = CandidateTask(self.records, structure, self.method, seeds, (), able, reach=reach)
+            seeds = tuple(poles for poles in self.found if poles.size == n)
+            task = CandidateTask(self.records, structure, self.quick, seeds, (), able)
             found.append(replace(task, found=estimate) if structure is asked else task)
         return found
 
