@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from tridentify.estimation.methods.base import Method
 from tridentify.estimation.methods.three_model import ThreeModel
+from tridentify.judgement.selection.at_maximum import is_open
 from tridentify.judgement.selection.finish_candidates import (
     MOST_ROUNDS,
     WORSE,
     CandidateTask,
     Entry,
-    begun,
     contained,
     is_on_white,
     narrowed,
@@ -27,6 +29,10 @@ from tridentify.judgement.selection.table import SelectionTable, table_of
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 
+BEHIND = 1.02
+"""Residual power over that of a contained candidate from which an end at a limit is none: fits of
+50 % differ by half a percent."""
+
 
 @dataclass(frozen=True, eq=False)
 class Contest:
@@ -36,19 +42,22 @@ class Contest:
     method: Method
     run: Callable[[Any, Iterable[Any], str], list[Any]]
 
-    def table(self, tasks: Sequence[CandidateTask], alone: Mapping[int, Entry]) -> SelectionTable:
+    def table(
+        self, tasks: Sequence[CandidateTask], first: Sequence[CandidateTask | Entry]
+    ) -> SelectionTable:
         """Every candidate on the likelihood's maximum, on the same terms.
 
         Parameters
         ----------
         tasks : sequence of CandidateTask
-        alone : mapping of int to Entry
-            Where candidates ended by themselves, by their place.
+        first : sequence of CandidateTask or Entry
+            The same with their starts, or where they stand.
         """
         orders = (0,) * self.records[0].n_outputs
-        first = [begun(task, alone[k]) if k in alone else task for k, task in enumerate(tasks)]
         said = f"{len(tasks)} candidates on the likelihood's maximum"
         entries = self._ended(first, said)
+        pairs = zip(tasks, first, strict=True)
+        tasks = [begun if isinstance(begun, CandidateTask) else task for task, begun in pairs]
         table = table_of(self._improved(tasks, entries, orders), self.records, orders)
         for _ in range(MOST_ROUNDS):
             best = table.best("aicc")
@@ -126,7 +135,7 @@ class Contest:
                     if entry.poles.size > small.poles.size:
                         seeds = raised([*task.seeds, entry.poles], small.poles)
                     noise = table.noise[j] if any(orders) else ()
-                    again = replace(task, seeds=tuple(seeds), noise=noise)
+                    again = replace(task, seeds=tuple(seeds), noise=noise, search=True)
                     retries.append((k, again))
         said = "candidates that fell behind lesser ones again"
         outcomes = self.run(run_task, [task for _, task in retries], said) if retries else []
@@ -136,6 +145,38 @@ class Contest:
             if other is not None and own is not None and other.deviance < own.deviance:
                 found[k] = entry
         return found
+
+
+def is_behind(entry: Entry, others: Sequence[Entry], records: Sequence[Record]) -> bool:
+    """Whether one that ended at a limit leaves more than one with no more poles, nor zeros.
+
+    Further poles may be as fast as the sampling shows, so it need not.
+
+    Parameters
+    ----------
+    entry : Entry
+    others : sequence of Entry
+        Those of the same table.
+    records : sequence of Record
+    """
+    if not is_open(entry.estimate):
+        return False
+    shape = records[0].n_outputs, records[0].n_inputs
+
+    def sizes(one: Entry) -> Array:
+        return np.array([one.structure.poles_matrix(*shape), one.structure.zeros_matrix(*shape)])
+
+    return any(
+        bool(np.all(sizes(other) <= sizes(entry)))
+        and bool(np.any(_left(entry) > BEHIND * _left(other)))
+        for other in others
+        if other.estimate is not None and other is not entry
+    )
+
+
+def _left(entry: Entry) -> Array:
+    """Sum of the squares of each output's residual."""
+    return np.asarray(np.sum([np.nansum(one**2, axis=0) for one in entry.residuals], axis=0))
 
 
 def _is_on(entry: Entry, task: CandidateTask, noise: tuple[Array, ...]) -> bool:

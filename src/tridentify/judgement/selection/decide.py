@@ -33,7 +33,7 @@ from tridentify.judgement.selection.rule import (
     recommend,
     refuted,
 )
-from tridentify.judgement.selection.soundness import VAGUE, apart_from_vagueness, doubts
+from tridentify.judgement.selection.soundness import AT_MAXIMUM, apart_from_vagueness, doubts
 from tridentify.judgement.selection.table import SelectionTable
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.kept import Beside, cached_property
@@ -259,7 +259,7 @@ def _row(
         fit=estimate.fit,
         cross_fit=held.fit,
         held_out_reason=held.reason,
-        doubts=(VAGUE,) if open_ else doubts(estimate, records),
+        doubts=(AT_MAXIMUM,) if open_ else doubts(estimate, records),
         condition=max(conditions, default=math.nan),
         relative_std=widest_std,
         widest=widest,

@@ -1,9 +1,12 @@
 """Every candidate finished on the likelihood's maximum, all on the same terms.
 
-1. Each candidate begins where it ended by itself.
+1. On white noise each candidate stands where it ended by itself. Otherwise it is finished from the
+   best of its starts: that end, balanced truncations of the parallel model and a discrete-time
+   model. Single poles or pairs are then tried elsewhere (`search.following.Search.move`), as in the
+   search of one structure, where the parallel model explains more.
 2. A candidate that contains another one cannot explain less. Where it does, its end was a local
    minimum, and it begins again from the poles of the lesser one with one pole more, taken from its
-   own end.
+   own starts.
 3. The residual of the candidate of lowest AICc is tested for whiteness. If it is noise that is not
    white, *all* candidates get an autoregressive model of the same order, each with coefficients
    from its own residual, and are finished again on whitened samples; once more, as the residuals
@@ -31,17 +34,24 @@ from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Trace
 from tridentify.estimation.likelihood.answer import Ending, estimate_from
 from tridentify.estimation.likelihood.choose_nuisance import decide
-from tridentify.estimation.likelihood.cost import evaluate_variant
+from tridentify.estimation.likelihood.cost import Point, evaluate_variant
 from tridentify.estimation.likelihood.levenberg_marquardt import (
     Patience,
+    at_rounding,
+    criterion,
     finish,
 )
 from tridentify.estimation.likelihood.noise_model import MOSTLY
 from tridentify.estimation.likelihood.nuisance import Nuisances, candidates
+from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.likelihood.question import Question
 from tridentify.estimation.likelihood.raster import are_even
+from tridentify.estimation.likelihood.thresholds import ALLOWANCE
 from tridentify.estimation.methods.base import Method, check
 from tridentify.estimation.methods.three_model import ThreeModel
+from tridentify.estimation.search.following import Search
+from tridentify.estimation.search.found import SearchEnd
+from tridentify.estimation.search.starts import discrete_poles
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.autoregression import (
     deviance,
@@ -72,7 +82,8 @@ class CandidateTask:
     """One candidate and where to begin.
 
     ``shared`` says that it can be finished from ``seeds``; otherwise ``method`` identifies it.
-    ``found`` is what ``method`` gave where it was asked already.
+    Where a candidate comes to ``reach``, the AICc of the parallel model, there is nothing left to
+    search for. ``found`` is what ``method`` gave where it was asked already.
     """
 
     records: tuple[Record, ...]
@@ -81,6 +92,8 @@ class CandidateTask:
     seeds: tuple[Complex, ...] = ()
     noise: tuple[Array, ...] = ()
     shared: bool = True
+    search: bool = True
+    reach: float = -np.inf
     found: Estimate | None = None
 
 
@@ -127,7 +140,7 @@ def _finished(task: CandidateTask) -> tuple[Estimate, Complex]:
     check(records, structure, task.method.name, ThreeModel().capabilities)
     patience = task.method.patience if isinstance(task.method, ThreeModel) else Patience()
     question = Question.of(records, structure, patience=patience).whitened(task.noise)
-    found = decide(question, [_best(question, task.seeds)])
+    found = decide(question, [_best(question.base, question.variants, task).poles])
     done = found.best
     trace = Trace(tuple(done.recorder.passes), (), found.decisions, done.why)
     ending = Ending(done.point, done.nuisances, done.status, done.criterion, trace)
@@ -135,15 +148,23 @@ def _finished(task: CandidateTask) -> tuple[Estimate, Complex]:
     return estimate, done.point.poles
 
 
-def _best(question: Question, given: Sequence[Complex]) -> Complex:
-    """The seed that leads lowest, or where it leads, with all nuisance terms."""
-    seeds = [question.base.admissible(poles)[0] for poles in given]
-    if len(seeds) == 1:
-        return seeds[0]
-    at = partial(evaluate_variant, question.base, question.variants[-1])
+def _best(base: Problem, variants: Sequence[Variant], task: CandidateTask) -> Point:
+    """The lowest point reached from the seeds, with all nuisance terms."""
+    variant = variants[-1]
+    at = partial(evaluate_variant, base, variant)
+    seeds = [base.admissible(poles)[0] for poles in task.seeds]
+    if task.search or not seeds:
+        seeds.append(discrete_poles(base))
     points = sorted((at(poles) for poles in seeds), key=lambda point: point.objective)
-    ends = [finish(at, point, None, FEW_STEPS)[0] for point in points[:FOLLOWED]]
-    return min(ends, key=lambda point: point.objective).poles
+    if not task.search:
+        return points[0]
+    ends = []
+    for point in points[:FOLLOWED]:
+        ends.append(finish(at, point, None, FEW_STEPS)[0])
+        if at_rounding(ends[-1]) or criterion(ends[-1]) < task.reach + ALLOWANCE:
+            return ends[-1]
+    best = min(ends, key=lambda point: point.objective)
+    return Search(1).move(SearchEnd(base, best, variant, np.inf, False))
 
 
 def begun(task: CandidateTask, alone: Entry) -> CandidateTask | Entry:
@@ -271,4 +292,4 @@ def raised(seeds: Sequence[Complex], poles: Complex) -> list[Complex]:
 
 def narrowed(task: CandidateTask, poles: Complex, noise: tuple[Array, ...]) -> CandidateTask:
     """The same candidate from poles that were found already."""
-    return replace(task, seeds=(poles,), noise=noise)
+    return replace(task, seeds=(poles,), noise=noise, search=False)

@@ -67,9 +67,9 @@ FEWEST = 40
 """Samples below which a fifth of them is no test: eight."""
 MOST_STEPS = 20
 """Steps without a part, from the end with all of them: it is near."""
-NEAR = 1e-3
-"""Fall of ``-2 log L`` that a further step has to promise: coefficients move by less than a
-thirtieth of a standard error, and errors of samples that were left out by nothing that shows."""
+NEAR = 1e-5
+"""Fall of ``-2 log L`` that a further step has to promise: less moves coefficients by a three
+hundredth of a standard error, and nothing that shows of the samples that were left out."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,8 @@ lesser candidates.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -27,7 +28,7 @@ from tridentify.judgement.causes.wild_beginning import without_wild_beginning
 from tridentify.judgement.choice import checked_method, with_judgement
 from tridentify.judgement.selection.at_maximum import at_maximum
 from tridentify.judgement.selection.beside import bent, drifting
-from tridentify.judgement.selection.contest import Contest
+from tridentify.judgement.selection.contest import Contest, is_behind
 from tridentify.judgement.selection.decide import (
     Decision,
     OrderEvidence,
@@ -36,7 +37,7 @@ from tridentify.judgement.selection.decide import (
     follows_input,
     misleads,
 )
-from tridentify.judgement.selection.finish_candidates import CandidateTask, Entry, run_task
+from tridentify.judgement.selection.finish_candidates import CandidateTask, Entry, begun, run_task
 from tridentify.judgement.selection.hankel import Hankel, hankel_values
 from tridentify.judgement.selection.held_out import HeldEstimate, HeldOut, cross_fit
 from tridentify.judgement.selection.higher import higher_candidates
@@ -49,8 +50,9 @@ from tridentify.judgement.selection.orders import (
 )
 from tridentify.judgement.selection.result import Selection, SelectionRow
 from tridentify.judgement.selection.settle import having_said, resettled, resettled_again, settle
+from tridentify.judgement.selection.shared import shared_models
 from tridentify.judgement.selection.table import SelectionTable, table_of
-from tridentify.judgement.selection.words import in_words, notes
+from tridentify.judgement.selection.words import in_words, left_open, notes
 from tridentify.numerics.arrays import Complex
 from tridentify.numerics.executor import Executor, check_told, mapping_of
 from tridentify.numerics.threads import one_blas_thread
@@ -146,7 +148,7 @@ def select_structure(
         check_scale(given, min(structures, key=lambda one: np.max(one.poles)), *sizes)
     say = progress or (lambda _: None)
     with one_blas_thread():
-        settled = settle(given, unseen, structures, at_maximum(chosen), say)
+        settled = settle(given, unseen, structures, chosen, say)
         free = candidates is None if integrators is None else integrators
         late = candidates is None if delays is None else delays
         work = _Work(settled.records, chosen, executor, say, settled.identified, free, late)
@@ -234,7 +236,8 @@ class _Work:
         """
         tasks = self._tasks(structures)
         alone = self._identified(tasks, before)
-        table = Contest(self.records, self.method, self.run).table(tasks, alone)
+        first = self._started(tasks, alone)
+        table = Contest(self.records, self.method, self.run).table(tasks, first)
         whole = (alone.get(k, entry) for k, entry in enumerate(table.entries))
         return _Opened(table, tuple(whole))
 
@@ -281,7 +284,7 @@ class _Work:
         missed = place is not None and self._missed(evidence.whole[place])
         coloured = place is not None and misleads(evidence.whole[place], self.records)
         reason = in_words(rows, found.contenders, found.verdict, missed, coloured)
-        told = (*told, *notes(table.noise, bool(unseen)))
+        told = (*told, *notes(table.noise, bool(unseen)), *left_open(rows))
         return Selection(tuple(rows), None if place is None else rows[place], reason, hankel, told)
 
     def _decided(
@@ -393,6 +396,29 @@ class _Work:
             found.append(replace(task, found=estimate) if structure is asked else task)
         return found
 
+    def _started(
+        self, tasks: Sequence[CandidateTask], alone: Mapping[int, Entry]
+    ) -> list[CandidateTask | Entry]:
+        """Where the contest begins: at ends on white noise, and with the parallel model's poles."""
+        begin = [begun(task, alone[k]) if k in alone else task for k, task in enumerate(tasks)]
+        able = [one.structure for one in begin if isinstance(one, CandidateTask) and one.shared]
+        if not able:
+            return begin
+        self.say("the parallel model, for all candidates")
+        try:
+            shared = shared_models(self.records, able)
+        except (TridentifyError, np.linalg.LinAlgError, ValueError):
+            shared = None
+        reach = -math.inf if shared is None else shared.models[0].criterion
+        orders = {one.common_poles for one in able}
+        reduced = {n: () if shared is None else shared.seeds(n) for n in orders}
+        return [
+            replace(one, seeds=(*one.seeds, *reduced[one.structure.common_poles]), reach=reach)
+            if isinstance(one, CandidateTask) and one.shared
+            else one
+            for one in begin
+        ]
+
     def _identified(
         self, tasks: Sequence[CandidateTask], before: Sequence[Entry]
     ) -> dict[int, Entry]:
@@ -402,9 +428,13 @@ class _Work:
         found = {k: known[own] for k, own in enumerate(ids) if own in known}
         wanted = [k for k, task in enumerate(tasks) if task.shared and k not in found]
         alone = [replace(tasks[k], shared=False) for k in wanted]
-        return found | dict(
-            zip(wanted, self.counted(run_task, alone, "the whole search for each"), strict=True)
-        )
+        said = "the whole search for each"
+        found |= dict(zip(wanted, self.counted(run_task, alone, said), strict=True))
+        lost = [k for k in wanted if is_behind(found[k], list(found.values()), self.records)]
+        method = at_maximum(self.method, again=True)
+        again = [replace(tasks[k], shared=False, method=method) for k in lost]
+        said = "candidates at a limit that fell behind lesser ones again"
+        return found | dict(zip(lost, self.run(run_task, again, said), strict=True))
 
     def _hankel(self, table: SelectionTable, place: int | None) -> Hankel | None:
         """On operators with the poles of the recommended candidate."""
