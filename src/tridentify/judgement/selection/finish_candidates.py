@@ -290,6 +290,7 @@ def raised(seeds: Sequence[Complex], poles: Complex) -> list[Complex]:
     return found
 
 
-def narrowed(task: CandidateTask, poles: Complex, noise: tuple[Array, ...]) -> CandidateTask:
+def narrowed(task: CandidateTask, poles: Complex | None, noise: tuple[Array, ...]) -> CandidateTask:
     """The same candidate from poles that were found already."""
-    return replace(task, seeds=(poles,), noise=noise, search=False)
+    seeds = () if poles is None else (poles,)
+    return replace(task, seeds=seeds, noise=noise, search=False)

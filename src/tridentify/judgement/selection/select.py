@@ -1,13 +1,15 @@
 """From records and candidates to a recommendation.
 
-What is shown belongs to each candidate alone: every row holds the estimate that `identify` gives
-for its structure, its fit, and the fit on samples left out in turn. A row does not change with the
-company it keeps.
+What is shown belongs to each candidate alone: a row holds the estimate that `identify` gives for its
+structure, its fit, and the fit on samples left out in turn. It does not change with the company it
+keeps, but that candidates which are out of the question end on the likelihood's maximum where
+`identify` goes on (`at_maximum`).
 
 What decides compares them, and a likelihood can only be compared on the same terms. So the
 candidates are finished once more, from where each ended, on the maximum of one likelihood, with one
 noise model and the same nuisance terms (`contest`); there local minima show by comparison with
-lesser candidates.
+lesser candidates. Where noise is not white they share the parallel model there, which is fitted
+once (`shared`) and gives all of them further starts.
 """
 
 from __future__ import annotations
