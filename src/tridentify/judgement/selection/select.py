@@ -1,8 +1,8 @@
 """From records and candidates to a recommendation.
 
-What is shown belongs to each candidate alone: a row holds the estimate that `identify` gives for its
-structure, its fit, and the fit on samples left out in turn. It does not change with the company it
-keeps, but that candidates which are out of the question end on the likelihood's maximum where
+What is shown belongs to each candidate alone: a row holds the estimate that `identify` gives for
+its structure, its fit, and the fit on samples left out in turn. It does not change with the company
+it keeps, but that candidates which are out of the question end on the likelihood's maximum where
 `identify` goes on (`at_maximum`).
 
 What decides compares them, and a likelihood can only be compared on the same terms. So the
