@@ -80,7 +80,7 @@ def assert_ten_are_their_own(record, structures, seed):
                 assert_same(few, row.estimate, row.fit)
                 assert few.cross_fit == pytest.approx(row.cross_fit, abs=1e-9)
             elif row.estimate is not None and not row.identified:
-                assert few.cross_fit == pytest.approx(row.cross_fit, abs=0.2)
+                assert few.cross_fit == pytest.approx(row.cross_fit, abs=0.5)
 
 
 def test_poles_that_are_known_need_no_search(record):
