@@ -1,4 +1,4 @@
-"""Rows of a selection are what `identify` gives; those out of the question end on the maximum."""
+"""Every row of a selection is what `identify` gives, whatever else stands in the table."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import pytest
 from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, simulate
 from tridentify import select_structure as select
 from tridentify.judgement.selection import default_candidates
-from tridentify.judgement.selection.soundness import AT_MAXIMUM
 
 pytestmark = pytest.mark.unjudged
 
@@ -35,20 +34,18 @@ def assert_same(row, estimate, fit):
     assert row.fit == pytest.approx(fit, abs=1e-9)
 
 
-def test_a_needless_pole_and_zero_alone_are_what_identify_gives(record):
+def test_a_needless_pole_and_zero_are_what_identify_gives_in_any_company(record):
     alone = identify(record, LARGE)
-    (row,) = select(record, [LARGE]).rows
-    assert row.identified
-    assert_same(row, alone, alone.fit)
-    assert np.array_equal(row.estimate.cov, alone.cov)
-    # beside the right ones nobody asks how well they are known: they explain as much
-    right, beside = select(record, [RIGHT, LARGE]).rows
-    assert right.identified
-    assert not beside.identified
-    assert beside.doubts == (AT_MAXIMUM,)
-    assert beside.fit == pytest.approx(alone.fit, abs=0.05)
-    assert beside.cross_fit == pytest.approx(row.cross_fit, abs=0.05)
-    assert beside.estimate.trace.decisions[:1] == row.estimate.trace.decisions[:1]
+    rows = [
+        next(row for row in select(record, company).rows if row.structure is LARGE)
+        for company in ([LARGE], [RIGHT, LARGE])
+    ]
+    for row in rows:
+        assert row.identified
+        assert_same(row, alone, alone.fit)
+        assert np.array_equal(row.estimate.cov, alone.cov)
+    assert np.array_equal(rows[0].cross_fit, rows[1].cross_fit)
+    assert rows[0].estimate.trace.decisions[:2] == rows[1].estimate.trace.decisions[:2]
 
 
 @pytest.mark.slow
@@ -61,26 +58,20 @@ def test_each_of_ten_rows_is_what_identify_gives_in_any_company(seed, n, level):
 def assert_ten_are_their_own(record, structures, seed):
     """Each of the rows as `identify` gives it, and as in a table with one or two others."""
     table = select(record, structures, integrators=False, delays=False)
-    assert table.recommended.identified
     rows = {row.structure: row for row in table.rows if row.structure in structures}
     for structure, row in rows.items():
         if row.estimate is not None:
             alone = identify(record, structure, throw=False)
-            if row.identified:
-                assert_same(row, alone, alone.fit)
-            else:
-                assert row.fit > alone.fit - 0.05
+            assert_same(row, alone, alone.fit)
     rng = np.random.default_rng(seed)
     for count in (2, 3):
         picked = [structures[k] for k in rng.permutation(len(structures))[:count]]
         fewer = select(record, picked, integrators=False, delays=False)
         for few in fewer.rows:
             row = rows[few.structure]
-            if row.estimate is not None and row.identified and few.identified:
+            if row.estimate is not None:
                 assert_same(few, row.estimate, row.fit)
                 assert few.cross_fit == pytest.approx(row.cross_fit, abs=1e-9)
-            elif row.estimate is not None and not row.identified:
-                assert few.cross_fit == pytest.approx(row.cross_fit, abs=0.5)
 
 
 def test_poles_that_are_known_need_no_search(record):

@@ -67,7 +67,7 @@ class Maximum:
         return replace(self, decisions=(*self.decisions, *words))
 
 
-def maximum(question: Question, starts: Starts, *, again: bool = True) -> Maximum:
+def maximum(question: Question, starts: Starts) -> Maximum:
     """The lowest output error that the starts lead to.
 
     Parameters
@@ -75,14 +75,12 @@ def maximum(question: Question, starts: Starts, *, again: bool = True) -> Maximu
     question : Question
     starts : Starts
         From `search.search`.
-    again : bool
-        Whether an end at a limit is searched for once more.
     """
     reached = _only_end(question, starts)
     known = starts.triangles if reached is None else {}
     found = decide(question, starts.seeds, known, reached)
     best = Maximum(found.best, found.decisions, starts.trails[found.seed], starts.tried)
-    if best.end.status in SOUND or not again:
+    if best.end.status in SOUND:
         return best
     question.say("another search, as the end lies at a limit")
     poles, start = search_again(question.held, best.end.nuisances, best.end.point.poles)

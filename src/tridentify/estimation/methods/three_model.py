@@ -268,17 +268,13 @@ class ThreeModel:
         if located is not None:
             question, starts = question.freed(located.limits), starts.beside(located.place.poles)
         # Step 4: repeated on adapted operators, to the stationary point of the output error
-        best = maximum(question, starts, again=self.insists(structure))
+        best = maximum(question, starts)
         # the noise modelled where it is not white, and all steps again on whitened samples
         ended, in_loop = question.ended(best.end.point), route == "direct"
         best = with_noise_model(noise, ended, starts, best, in_loop=in_loop)
         told = Trace(_way(best, near is None), best.tried, best.decisions, best.end.why)
         reached = Reached.of(best.end, told, starts.scan, best.moved)
         return replace(reached, reacts=in_loop)
-
-    def insists(self, structure: Structure) -> bool:
-        """Whether an end at a limit is searched for once more."""
-        return structure is not None
 
     def weighed(self, reached: Reached, say: Progress) -> Ending:
         """Where to end: at the maximum or, where that is not to be trusted, beyond it."""

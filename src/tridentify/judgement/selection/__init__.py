@@ -1,7 +1,6 @@
 """Which order: candidates in one table, and a recommendation with its reasons.
 
 - `select` (`select_structure`): the way from records and candidates to a `Selection`.
-- `at_maximum`: rows out of the question end on the likelihood's maximum.
 - `shared`: the parallel model, fitted once; starting poles for candidates in coloured noise.
 - `contest`: every candidate finished on the likelihood's maximum, in rounds, all on one noise
   model.

@@ -6,11 +6,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
 from tridentify.estimation.methods.base import Method
 from tridentify.estimation.methods.three_model import ThreeModel
-from tridentify.judgement.selection.at_maximum import is_open
 from tridentify.judgement.selection.finish_candidates import (
     MOST_ROUNDS,
     WORSE,
@@ -28,10 +25,6 @@ from tridentify.judgement.selection.finish_candidates import (
 from tridentify.judgement.selection.table import SelectionTable, table_of
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
-
-BEHIND = 1.02
-"""Residual power over that of a contained candidate from which an end at a limit is none: fits of
-50 % differ by half a percent."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,38 +140,6 @@ class Contest:
         return found
 
 
-def is_behind(entry: Entry, others: Sequence[Entry], records: Sequence[Record]) -> bool:
-    """Whether one that ended at a limit leaves more than one with no more poles, nor zeros.
-
-    Further poles may be as fast as the sampling shows, so it need not.
-
-    Parameters
-    ----------
-    entry : Entry
-    others : sequence of Entry
-        Those of the same table.
-    records : sequence of Record
-    """
-    if not is_open(entry.estimate):
-        return False
-    shape = records[0].n_outputs, records[0].n_inputs
-
-    def sizes(one: Entry) -> Array:
-        return np.array([one.structure.poles_matrix(*shape), one.structure.zeros_matrix(*shape)])
-
-    return any(
-        bool(np.all(sizes(other) <= sizes(entry)))
-        and bool(np.any(_left(entry) > BEHIND * _left(other)))
-        for other in others
-        if other.estimate is not None and other is not entry
-    )
-
-
-def _left(entry: Entry) -> Array:
-    """Sum of the squares of each output's residual."""
-    return np.asarray(np.sum([np.nansum(one**2, axis=0) for one in entry.residuals], axis=0))
-
-
 def _is_on(entry: Entry, task: CandidateTask, noise: tuple[Array, ...]) -> bool:
     """Whether an entry cannot be finished anew, or stands where it would end."""
     if entry.poles is None or not entry.shared or entry.estimate is None:
@@ -189,9 +150,6 @@ def _is_on(entry: Entry, task: CandidateTask, noise: tuple[Array, ...]) -> bool:
     pairs = (
         (own.offset, asked.offset),
         (own.drift, asked.drift),
-        (
-            own.initial_state,
-            asked.initial_state,
-        ),
+        (own.initial_state, asked.initial_state),
     )
     return all(asked in (own, None, "auto") for own, asked in pairs)

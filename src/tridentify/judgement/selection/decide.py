@@ -12,7 +12,6 @@ from tridentify.estimation.answer.cancelling import CANCELS
 from tridentify.estimation.answer.estimate import Estimate, Status
 from tridentify.estimation.likelihood.raster import are_even
 from tridentify.judgement.causes.surprises import moved
-from tridentify.judgement.selection.at_maximum import SUPPOSED, is_open, supposing
 from tridentify.judgement.selection.criteria import (
     Criteria,
     free_coefficients,
@@ -33,7 +32,7 @@ from tridentify.judgement.selection.rule import (
     recommend,
     refuted,
 )
-from tridentify.judgement.selection.soundness import AT_MAXIMUM, apart_from_vagueness, doubts
+from tridentify.judgement.selection.soundness import apart_from_vagueness, doubts
 from tridentify.judgement.selection.table import SelectionTable
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.kept import Beside, cached_property
@@ -129,9 +128,7 @@ class Decision:
     verdict: Verdict
 
 
-def decide(
-    known: OrderEvidence, least: int = 0, supposed: tuple[str, ...] | None = None
-) -> Decision:
+def decide(known: OrderEvidence, least: int = 0) -> Decision:
     """The recommendation.
 
     Parameters
@@ -139,10 +136,8 @@ def decide(
     known : OrderEvidence
     least : int
         Poles that are known to rise above the noise.
-    supposed : tuple of str, optional
-        What to take as said against rows that are open (`at_maximum`).
     """
-    rows, table = supposing(known.rows, supposed), known.table
+    rows, table = list(known.rows), known.table
     objections = _objections(table.contenders, rows)
     contenders = [
         replace(one, known=one.known and not against)
@@ -177,45 +172,6 @@ def decide(
     return Decision(tuple(rows), tuple(contenders), likeliest, verdict)
 
 
-def at_stake(known: OrderEvidence, found: Decision, least: int = 0) -> list[int]:
-    """Open rows of which it matters what their posterior mean says.
-
-    The recommended row and the likeliest, those that would change the recommendation if nothing
-    spoke against them, or more, and the smaller ones beside which causes are fitted.
-
-    Parameters
-    ----------
-    known : OrderEvidence
-    found : Decision
-        Made of it.
-    least : int
-        As of `decide`.
-    """
-    rows = known.rows
-    open_ = {k for k, row in enumerate(rows) if is_open(row.estimate)}
-    if not open_:
-        return []
-    every = [found, *(decide(known, least, one) for one in SUPPOSED)]
-    places = {one.verdict.place for one in every}
-    named = places | {one.likeliest for one in every}
-    if len(places) > 1:
-        named |= {one.verdict.best for one in every}
-    wanted = {k for k in open_ if k in named}
-    if len(places) > 1 and not wanted:
-        wanted = open_
-    place = found.verdict.place
-    most = 0 if place is None else rows[place].n_coefficients
-    small = {k for k in open_ if rows[k].n_coefficients <= most}
-    return sorted(wanted | {k for k in small if _may_be_sound(rows[k], known.records)})
-
-
-def _may_be_sound(row: SelectionRow, records: Sequence[Record]) -> bool:
-    """Whether the maximum leaves it open what an open row is worth."""
-    estimate = row.estimate
-    assert estimate is not None
-    return not (estimate.status.ok and doubts(estimate, records))
-
-
 def _with_more(
     rows: Sequence[SelectionRow], contenders: Sequence[Contender], place: int | None
 ) -> int | None:
@@ -247,7 +203,6 @@ def _row(
     estimate = entry.estimate
     if estimate is None:
         return SelectionRow(structure, None, entry.reason or "no estimate")
-    open_ = is_open(estimate)
     widest_std, widest = largest_relative_std(estimate)
     # earlier passes may carry nuisance terms that depend on each other and were left out
     last = estimate.trace.passes[-1].steps if estimate.trace.passes else ()
@@ -259,13 +214,13 @@ def _row(
         fit=estimate.fit,
         cross_fit=held.fit,
         held_out_reason=held.reason,
-        doubts=(AT_MAXIMUM,) if open_ else doubts(estimate, records),
+        doubts=doubts(estimate, records),
         condition=max(conditions, default=math.nan),
         relative_std=widest_std,
         widest=widest,
         n_coefficients=free_coefficients(estimate),
-        identified=not open_,
-        ok=open_ or estimate.status.ok,
+        identified=True,
+        ok=estimate.status.ok,
     )
     if criteria is None or maximum is None:
         return row
@@ -298,7 +253,7 @@ def _order(row: SelectionRow) -> tuple[int, int] | None:
 
 def _is_sharp(row: SelectionRow) -> bool:
     """Whether the likelihood is as good as Gaussian about an estimate."""
-    return row.identified and row.estimate is not None and row.estimate.status is Status.CONVERGED
+    return row.estimate is not None and row.estimate.status is Status.CONVERGED
 
 
 def _trial(row: SelectionRow, held: HeldOut, unseen: Unseen, whitened: Unseen) -> Trial:

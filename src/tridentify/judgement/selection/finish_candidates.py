@@ -1,9 +1,10 @@
 """Every candidate finished on the likelihood's maximum, all on the same terms.
 
-1. On white noise each candidate stands where it ended by itself. Otherwise it is finished from the
-   best of its starts: that end, balanced truncations of the parallel model and a discrete-time
-   model. Single poles or pairs are then tried elsewhere (`search.following.Search.move`), as in the
-   search of one structure, where the parallel model explains more.
+1. On white noise each candidate stands where it ended by itself, or at the maximum beside which its
+   posterior mean lies. Otherwise it is finished from the best of its starts: that end, balanced
+   truncations of the parallel model and a discrete-time model. Single poles or pairs are then tried
+   elsewhere (`search.following.Search.move`), as in the search of one structure, where the parallel
+   model explains more.
 2. A candidate that contains another one cannot explain less. Where it does, its end was a local
    minimum, and it begins again from the poles of the lesser one with one pole more, taken from its
    own starts.
@@ -31,7 +32,7 @@ import numpy as np
 
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.assemble import Request
-from tridentify.estimation.answer.estimate import Estimate, Trace
+from tridentify.estimation.answer.estimate import Estimate, Status, Trace
 from tridentify.estimation.likelihood.answer import Ending, estimate_from
 from tridentify.estimation.likelihood.choose_nuisance import decide
 from tridentify.estimation.likelihood.cost import Point, evaluate_variant
@@ -168,16 +169,25 @@ def _best(base: Problem, variants: Sequence[Variant], task: CandidateTask) -> Po
 
 
 def begun(task: CandidateTask, alone: Entry) -> CandidateTask | Entry:
-    """The candidate, to be finished from where it ended by itself; or the end, where it is that.
+    """The candidate, to be finished from where it ended by itself; or the end, if a maximum.
 
     One that the whole search refuses is refused.
     """
     if alone.estimate is None:
         return alone
-    poles = sort_poles(scaled_roots(alone.estimate.model.den[0][0]))
-    if not task.seeds and is_on_white(alone.estimate) and not alone.estimate.noise_levels:
-        return replace(alone, poles=poles, shared=True)
-    return replace(task, seeds=(poles, *task.seeds))
+    estimate = alone.estimate
+    poles = sort_poles(scaled_roots(estimate.model.den[0][0]))
+    if task.seeds or not is_on_white(estimate) or estimate.noise_levels:
+        return replace(task, seeds=(poles, *task.seeds))
+    if estimate.status is Status.POSTERIOR_MEAN:
+        return replace(task, seeds=(poles, *_before_the_mean(estimate, poles.size)), search=False)
+    return replace(alone, poles=poles, shared=True)
+
+
+def _before_the_mean(estimate: Estimate, n: int) -> list[Complex]:
+    """Poles of the maximum beside which a posterior mean was taken."""
+    ends = [one.theta[:n] for one in estimate.trace.passes[:-1][-1:] if one.theta.size >= n]
+    return [sort_poles(scaled_roots(np.append(1.0, end))) for end in ends]
 
 
 def is_on_white(estimate: Estimate) -> bool:

@@ -14,7 +14,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from tridentify.errors import TridentifyError
-from tridentify.judgement.selection.at_maximum import is_open
 from tridentify.judgement.selection.orders import INTEGRATOR
 from tridentify.judgement.selection.result import SelectionRow
 from tridentify.judgement.selection.rule import USELESS
@@ -49,34 +48,19 @@ def integrating(rows: Sequence[SelectionRow], records: Sequence[Record]) -> list
         samples no worse than the best row that nothing speaks against; where there is none, those
         that are of use. At most `MOST` of them.
     """
-    found = []
-    for k in _slow(rows, records):
-        row = rows[k]
-        held = _at_zero(row.structure)
-        if held is not None:
-            found.append(_Slow(held, row.bic, 100.0 - _held_out(row)))
-    return _few(sorted(found, key=lambda one: (one.held.common_poles, str(one.held.zeros))))
-
-
-def too_slow(rows: Sequence[SelectionRow], records: Sequence[Record]) -> list[int]:
-    """Open rows that would count as `integrating`: the mean says how slow their poles are."""
-    return [k for k in _slow(rows, records) if is_open(rows[k].estimate)]
-
-
-def _slow(rows: Sequence[SelectionRow], records: Sequence[Record]) -> list[int]:
-    """Rows with a time constant longer than the record that predict well enough."""
     longest = max(record.duration for record in records)
     sound = [_held_out(row) for row in rows if row.estimate is not None and not row.doubts]
     enough = max(sound, default=_of_use(rows))
     found = []
-    for k, row in enumerate(rows):
+    for row in rows:
         able = row.estimate is not None and row.structure.shared and not row.structure.constrained
         if not able or _held_out(row) < enough:
             continue
         assert row.estimate is not None
-        if slowest_decay(row.estimate, longest) < LENGTHS:
-            found.append(k)
-    return found
+        held = _at_zero(row.structure)
+        if held is not None and slowest_decay(row.estimate, longest) < LENGTHS:
+            found.append(_Slow(held, row.bic, 100.0 - _held_out(row)))
+    return _few(sorted(found, key=lambda one: (one.held.common_poles, str(one.held.zeros))))
 
 
 class _Slow(NamedTuple):

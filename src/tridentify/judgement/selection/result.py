@@ -65,9 +65,7 @@ class SelectionRow:
     deviance : float
         ``-2 log L`` without constants.
     identified : bool
-        Whether ``estimate`` is what `identify` gives for ``structure``, to the last bit. Otherwise
-        it is the likelihood's maximum, where `identify` goes on to the posterior mean: the record
-        leaves coefficients of a candidate open that is out of the question (`at_maximum`).
+        Whether ``estimate`` is what `identify` gives for ``structure``, to the last bit.
     ok : bool
         Whether the estimate is usable.
     """

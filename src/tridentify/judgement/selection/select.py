@@ -1,9 +1,8 @@
 """From records and candidates to a recommendation.
 
-What is shown belongs to each candidate alone: a row holds the estimate that `identify` gives for
-its structure, its fit, and the fit on samples left out in turn. It does not change with the company
-it keeps, but that candidates which are out of the question end on the likelihood's maximum where
-`identify` goes on (`at_maximum`).
+What is shown belongs to each candidate alone: every row holds the estimate that `identify` gives
+for its structure, its fit, and the fit on samples left out in turn. A row does not change with the
+company it keeps.
 
 What decides compares them, and a likelihood can only be compared on the same terms. So the
 candidates are finished once more, from where each ended, on the maximum of one likelihood, with one
@@ -28,13 +27,11 @@ from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.causes.intersample import behaviours, taken_as
 from tridentify.judgement.causes.wild_beginning import without_wild_beginning
 from tridentify.judgement.choice import checked_method, with_judgement
-from tridentify.judgement.selection.at_maximum import at_maximum
 from tridentify.judgement.selection.beside import bent, drifting
-from tridentify.judgement.selection.contest import Contest, is_behind
+from tridentify.judgement.selection.contest import Contest
 from tridentify.judgement.selection.decide import (
     Decision,
     OrderEvidence,
-    at_stake,
     decide,
     follows_input,
     misleads,
@@ -43,7 +40,7 @@ from tridentify.judgement.selection.finish_candidates import CandidateTask, Entr
 from tridentify.judgement.selection.hankel import Hankel, hankel_values
 from tridentify.judgement.selection.held_out import HeldEstimate, HeldOut, cross_fit
 from tridentify.judgement.selection.higher import higher_candidates
-from tridentify.judgement.selection.integrators import integrating, too_slow
+from tridentify.judgement.selection.integrators import integrating
 from tridentify.judgement.selection.late import are_lags, delayed, direct_and_delayed
 from tridentify.judgement.selection.orders import (
     checked_candidates,
@@ -54,7 +51,7 @@ from tridentify.judgement.selection.result import Selection, SelectionRow
 from tridentify.judgement.selection.settle import having_said, resettled, resettled_again, settle
 from tridentify.judgement.selection.shared import shared_models
 from tridentify.judgement.selection.table import SelectionTable, table_of
-from tridentify.judgement.selection.words import in_words, left_open, notes
+from tridentify.judgement.selection.words import in_words, notes
 from tridentify.numerics.arrays import Complex
 from tridentify.numerics.executor import Executor, check_told, mapping_of
 from tridentify.numerics.threads import one_blas_thread
@@ -157,11 +154,11 @@ def select_structure(
         work = replace(work, left_open=bool(settled.told))
         opened = work.opened(structures)
         while candidates is None and (
-            more := higher_candidates(work.records, structures, opened.table, work.quick)
+            more := higher_candidates(work.records, structures, opened.table, work.method)
         ):
             structures, work = more.structures, replace(work, found=(*work.found, more.poles))
             opened = work.opened(structures, opened.whole)
-        other = resettled(given, unseen, settled, opened.table, work.quick)
+        other = resettled(given, unseen, settled, opened.table, work.method)
         if other is not None:
             settled, work = other, replace(work, records=other.records, identified=None)
             opened = work.opened(structures)
@@ -211,11 +208,6 @@ class _Work:
     found: tuple[Complex, ...] = ()
     left_open: bool = False
 
-    @property
-    def quick(self) -> Method:
-        """What candidates are identified by until one of them matters."""
-        return at_maximum(self.method)
-
     def run(self, function: Any, tasks: Iterable[Any], said: str) -> list[Any]:
         """All tasks, in their order."""
         self.say(said)
@@ -260,66 +252,42 @@ class _Work:
             tuple(self._held_out(opened.whole, structures, unseen)),
         )
         if self.free:
-            evidence = self._weighed(evidence, too_slow(evidence.rows, self.records), unseen)
             asked = integrating(evidence.rows, self.records)
             evidence = self._with(evidence, asked, "candidates with a pole at zero", unseen)
-        evidence, found = self._decided(evidence, unseen)
+        found = decide(evidence)
         if self.free:
             asked = drifting(found.rows, found.verdict.place, self.records)
             evidence = self._with(evidence, asked, "candidates with a drift", unseen)
-            evidence, found = self._decided(evidence, unseen) if asked else (evidence, found)
+            found = decide(evidence) if asked else found
         if self.late and isinstance(self.method, ThreeModel):
             self.say("whether a delay is missing")
             asked = delayed(found.rows, found.verdict.place, self.records)
             evidence = self._with(evidence, asked, "candidates with a delay", unseen)
-            evidence, found = self._decided(evidence, unseen) if asked else (evidence, found)
+            found = decide(evidence) if asked else found
             if found.verdict.by == "slight" and found.likeliest is not None:
                 lags = are_lags(found.rows, found.likeliest, self.records)
-                evidence, found = self._decided(replace(evidence, lags=lags), unseen)
-        evidence, rows, found, hankel = self._concluded(evidence, found, unseen)
+                evidence = replace(evidence, lags=lags)
+                found = decide(evidence)
+        rows, found, hankel = self._concluded(evidence, found)
         asked = direct_and_delayed(rows, found.verdict.place, self.records) if self.late else []
         if asked and isinstance(self.method, ThreeModel):
             said = "candidates with a delay and as many zeros as poles"
-            evidence, found = self._decided(self._with(evidence, asked, said, unseen), unseen)
-            evidence, rows, found, hankel = self._concluded(evidence, found, unseen)
+            evidence = self._with(evidence, asked, said, unseen)
+            rows, found, hankel = self._concluded(evidence, decide(evidence))
         place, table = found.verdict.place, evidence.table
         missed = place is not None and self._missed(evidence.whole[place])
         coloured = place is not None and misleads(evidence.whole[place], self.records)
         reason = in_words(rows, found.contenders, found.verdict, missed, coloured)
-        told = (*told, *notes(table.noise, bool(unseen)), *left_open(rows))
+        told = (*told, *notes(table.noise, bool(unseen)))
         return Selection(tuple(rows), None if place is None else rows[place], reason, hankel, told)
 
-    def _decided(
-        self, evidence: OrderEvidence, unseen: tuple[Record, ...], least: int = 0
-    ) -> tuple[OrderEvidence, Decision]:
-        """The recommendation, and the evidence with the means that it takes."""
-        found = decide(evidence, least)
-        while wanted := at_stake(evidence, found, least):
-            evidence = self._weighed(evidence, wanted, unseen)
-            found = decide(evidence, least)
-        return evidence, found
-
-    def _weighed(
-        self, known: OrderEvidence, places: Sequence[int], unseen: tuple[Record, ...]
-    ) -> OrderEvidence:
-        """The same with some rows as `identify` gives them to the end."""
-        asked = [known.structures[k] for k in places]
-        tasks = [CandidateTask(self.records, one, self.method, shared=False) for one in asked]
-        entries = self.run(run_task, tasks, "candidates weighed by all that explains the record")
-        whole, held = list(known.whole), list(known.held)
-        for k, entry, seen in zip(
-            places, entries, self._held_out(entries, asked, unseen), strict=True
-        ):
-            whole[k], held[k] = entry, seen
-        return replace(known, whole=tuple(whole), held=tuple(held))
-
     def _concluded(
-        self, evidence: OrderEvidence, found: Decision, unseen: tuple[Record, ...]
-    ) -> tuple[OrderEvidence, list[SelectionRow], Decision, Hankel | None]:
+        self, evidence: OrderEvidence, found: Decision
+    ) -> tuple[list[SelectionRow], Decision, Hankel | None]:
         """Also by poles that rise above the noise and by what bends; the row with all it says."""
         hankel = self._hankel(evidence.table, found.verdict.place)
         if hankel is not None:
-            evidence, again = self._decided(evidence, unseen, hankel.order)
+            again = decide(evidence, hankel.order)
             if again.verdict.place != found.verdict.place:
                 found = again
                 hankel = self._hankel(evidence.table, again.verdict.place)
@@ -333,7 +301,7 @@ class _Work:
         rows, place = list(found.rows), found.verdict.place
         if place is not None:
             rows[place] = self._judged(rows[place])
-        return evidence, rows, found, hankel
+        return rows, found, hankel
 
     def _held_out(
         self, whole: Sequence[Entry], asked: Sequence[Structure], unseen: tuple[Record, ...]
@@ -352,7 +320,7 @@ class _Work:
         unseen: tuple[Record, ...],
     ) -> OrderEvidence:
         """The same with further rows, as far as they can be estimated."""
-        tasks = [CandidateTask(self.records, one, self.quick, shared=False) for one in asked]
+        tasks = [CandidateTask(self.records, one, self.method, shared=False) for one in asked]
         tried = self.counted(run_task, tasks, said)
         entries = [entry for entry in tried if entry.estimate is not None]
         if not entries:
@@ -394,7 +362,7 @@ class _Work:
             able = self._can_share(structure)
             n = structure.common_poles if able else 0
             seeds = tuple(poles for poles in self.found if poles.size == n)
-            task = CandidateTask(self.records, structure, self.quick, seeds, (), able)
+            task = CandidateTask(self.records, structure, self.method, seeds, (), able)
             found.append(replace(task, found=estimate) if structure is asked else task)
         return found
 
@@ -431,12 +399,8 @@ class _Work:
         wanted = [k for k, task in enumerate(tasks) if task.shared and k not in found]
         alone = [replace(tasks[k], shared=False) for k in wanted]
         said = "the whole search for each"
-        found |= dict(zip(wanted, self.counted(run_task, alone, said), strict=True))
-        lost = [k for k in wanted if is_behind(found[k], list(found.values()), self.records)]
-        method = at_maximum(self.method, again=True)
-        again = [replace(tasks[k], shared=False, method=method) for k in lost]
-        said = "candidates at a limit that fell behind lesser ones again"
-        return found | dict(zip(lost, self.run(run_task, again, said), strict=True))
+        done = self.counted(run_task, alone, said)
+        return found | dict(zip(wanted, done, strict=True))
 
     def _hankel(self, table: SelectionTable, place: int | None) -> Hankel | None:
         """On operators with the poles of the recommended candidate."""

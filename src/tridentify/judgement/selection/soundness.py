@@ -22,8 +22,6 @@ SWING = "beside faster modes, a swing that is slower than the record"
 """Said where `ONE_PERIOD` is not reached; no objection where larger candidates explain no more."""
 
 VAGUE, KNOWN_TO = "poles not determined", " known to "
-AT_MAXIMUM = "poles not determined, at the maximum"
-"""Said of a row that is out of the question (`at_maximum`)."""
 
 HALF = 0.5
 """Standard error over natural size from which a coefficient counts as not determined: an interval
@@ -70,9 +68,7 @@ def apart_from_vagueness(found: Sequence[str]) -> tuple[str, ...]:
     >>> apart_from_vagueness(["poles not determined", "b1 known to 80 %", "at stability limit"])
     ('at stability limit',)
     """
-    return tuple(
-        one for one in found if one not in (VAGUE, AT_MAXIMUM, SWING) and KNOWN_TO not in one
-    )
+    return tuple(one for one in found if one not in (VAGUE, SWING) and KNOWN_TO not in one)
 
 
 def slowest(estimate: Estimate, longest: float) -> str:

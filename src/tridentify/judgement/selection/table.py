@@ -10,7 +10,6 @@ import numpy as np
 
 from tridentify.estimation.answer.estimate import Status
 from tridentify.estimation.posterior.mean import vagueness
-from tridentify.judgement.selection.at_maximum import is_open
 from tridentify.judgement.selection.criteria import Criteria, criteria_of, unknowns_of
 from tridentify.judgement.selection.finish_candidates import Entry, noise_of_orders
 from tridentify.judgement.selection.rule import Contender
@@ -72,8 +71,7 @@ def _contender(entry: Entry, criteria: Criteria | None) -> Contender:
     poles = structure.poles_matrix(*shape)
     count = structure.common_poles if structure.shared else sum(map(sum, poles))
     room = criteria.n_samples > criteria.n_unknowns + 2
-    ended = estimate.status.ok or is_open(estimate)
-    usable = ended and room and math.isfinite(criteria.deviance)
+    usable = estimate.status.ok and room and math.isfinite(criteria.deviance)
     return Contender(criteria, count, bool(usable), _is_known(entry))
 
 

@@ -8,7 +8,6 @@ from tridentify.judgement.selection.numbers import percent, share
 from tridentify.judgement.selection.orders import is_integrator, order_label
 from tridentify.judgement.selection.result import SelectionRow
 from tridentify.judgement.selection.rule import POINT, SLIGHT, Contender, Verdict, needed
-from tridentify.judgement.selection.soundness import AT_MAXIMUM
 from tridentify.numerics.arrays import Array
 from tridentify.structure import Structure
 
@@ -86,18 +85,8 @@ def notes(models: Sequence[tuple[Array, ...]], unseen: bool) -> tuple[str, ...]:
             "held-out: fit of blocks of the record that were left out in turn, offset and initial "
             "state fitted to the whole record"
         )
-    told.append("fit and coefficients of a row are those that identify gives for it alone")
+    told.append("fit and coefficients of every row are those that identify gives for it alone")
     return tuple(told)
-
-
-def left_open(rows: Sequence[SelectionRow]) -> tuple[str, ...]:
-    """A word on the rows that are not what `identify` gives."""
-    if not any(AT_MAXIMUM in row.doubts for row in rows):
-        return ()
-    return (
-        "at the maximum: the record leaves coefficients of a candidate open that is out of the "
-        "question; identify goes on to the posterior mean there, which explains nearly as much",
-    )
 
 
 def _within(rows: Sequence[SelectionRow], verdict: Verdict) -> str:
