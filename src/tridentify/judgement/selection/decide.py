@@ -93,16 +93,6 @@ class OrderEvidence:
         return self.under[place]
 
     @cached_property
-    def following(self) -> tuple[bool, ...]:
-        """Whether the residual of each candidate follows the input, or is not what it rests on."""
-        pairs = zip(self.table.entries, self.table.noise, strict=True)
-        return tuple(
-            entry.estimate is not None
-            and (follows_input(entry, noise, self.records) or misleads(entry, self.records))
-            for entry, noise in pairs
-        )
-
-    @cached_property
     def rows(self) -> tuple[SelectionRow, ...]:
         """What is shown of each candidate: all of its own estimate, but the criteria."""
         return tuple(
@@ -149,13 +139,11 @@ def decide(known: OrderEvidence, least: int = 0) -> Decision:
     explains = (
         likeliest is not None
         and not (apart_from_vagueness(against) if found else against)
-        and not known.following[likeliest]
+        and not follows_input(table.entries[likeliest], table.noise[likeliest], known.records)
+        and not misleads(table.entries[likeliest], known.records)
     )
     pairs = zip(rows, known.held, known.unseen, known.whitened(likeliest), strict=True)
-    trials = [
-        replace(_trial(*one), misses=known.structures[k].delay == "free" and known.following[k])
-        for k, one in enumerate(pairs)
-    ]
+    trials = [replace(_trial(*one), misses=_misses_late(known, k)) for k, one in enumerate(pairs)]
     verdict = recommend(
         trials,
         likeliest,
@@ -170,6 +158,13 @@ def decide(known: OrderEvidence, least: int = 0) -> Decision:
     if place is not None and verdict.by == "likelihood":
         rows[place] = replace(rows[place], doubts=objections[place])
     return Decision(tuple(rows), tuple(contenders), likeliest, verdict)
+
+
+def _misses_late(known: OrderEvidence, k: int) -> bool:
+    """Whether a row has a delay of its own, and its residual follows the input all the same."""
+    entry, noise = known.table.entries[k], known.table.noise[k]
+    late = known.structures[k].delay == "free" and entry.estimate is not None
+    return late and follows_input(entry, noise, known.records)
 
 
 def _with_more(

@@ -154,11 +154,11 @@ def select_structure(
         work = replace(work, left_open=bool(settled.told))
         opened = work.opened(structures)
         while candidates is None and (
-            more := higher_candidates(work.records, structures, opened.table, work.method)
+            more := higher_candidates(work.records, structures, opened.table, chosen)
         ):
             structures, work = more.structures, replace(work, found=(*work.found, more.poles))
             opened = work.opened(structures, opened.whole)
-        other = resettled(given, unseen, settled, opened.table, work.method)
+        other = resettled(given, unseen, settled, opened.table, chosen)
         if other is not None:
             settled, work = other, replace(work, records=other.records, identified=None)
             opened = work.opened(structures)
@@ -371,7 +371,8 @@ class _Work:
     ) -> list[CandidateTask | Entry]:
         """Where the contest begins: at ends on white noise, and with the parallel model's poles."""
         begin = [begun(task, alone[k]) if k in alone else task for k, task in enumerate(tasks)]
-        able = [one.structure for one in begin if isinstance(one, CandidateTask) and one.shared]
+        open_ = [isinstance(one, CandidateTask) and one.shared and one.search for one in begin]
+        able = [one.structure for one, asked in zip(begin, open_, strict=True) if asked]
         if not able:
             return begin
         self.say("the parallel model, for all candidates")
@@ -384,9 +385,9 @@ class _Work:
         reduced = {n: () if shared is None else shared.seeds(n) for n in orders}
         return [
             replace(one, seeds=(*one.seeds, *reduced[one.structure.common_poles]), reach=reach)
-            if isinstance(one, CandidateTask) and one.shared
+            if isinstance(one, CandidateTask) and asked
             else one
-            for one in begin
+            for one, asked in zip(begin, open_, strict=True)
         ]
 
     def _identified(
