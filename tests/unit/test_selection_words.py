@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tridentify import Structure
+from tridentify.estimation.answer.finding import Finding
 from tridentify.judgement.selection import SelectionRow
 from tridentify.judgement.selection.criteria import Criteria
 from tridentify.judgement.selection.rule import Contender, Verdict
@@ -53,6 +54,27 @@ def test_doubts_are_told(rows):
     said = reason_of(rows, contenders(1.0), 1, True)
     assert "Its b1 is known to 70 % only" in said
     assert "follows the input" in said
+
+
+def test_what_explains_a_residual_that_follows_the_input_is_named(rows):
+    play = "Of all causes tried, play of 0.08 between u and what it drives explains it best."
+    findings = [
+        Finding("noise-model", "note", "The noise is not white."),
+        Finding("nonlinear", "warning", f"The residual of y is correlated with u. {play}"),
+    ]
+    rows[1] = dataclasses.replace(
+        rows[1], estimate=dataclasses.replace(rows[1].estimate, findings=tuple(findings))
+    )
+    assert reason_of(rows, contenders(1.0), 1, True).endswith(play)
+    assert play not in reason_of(rows, contenders(1.0), 1, False)
+    told = [dataclasses.replace(row, cross_fit=np.array([90.0])) for row in rows]
+    verdict = Verdict(1, 1, "held-out", sound=True)
+    assert in_words(told, contenders(), verdict, missed=True).endswith(play)
+    larger = Finding("order-low", "warning", "Of all causes tried, 3 poles explain it best.")
+    told[1] = dataclasses.replace(
+        told[1], estimate=dataclasses.replace(told[1].estimate, findings=(larger, findings[1]))
+    )
+    assert "all causes" not in in_words(told, contenders(), verdict, missed=True)
 
 
 def test_without_any_estimate_the_first_failure_speaks():

@@ -223,14 +223,15 @@ class ThreeModel:
                 return within(with_all_rows)
             return constrained_at_own_levels(within, with_all_rows)
 
-        def ended(own: Sequence[Record], poles: Complex | None) -> Ending:
+        def ended(own: Sequence[Record], poles: Complex | None) -> Reached:
             near_them = partial(self.maximise, near=near if poles is None else poles)
             way = partial(over_delays, self) if structure.delay == "free" else near_them
-            return self.weighed(way(own, structure, say), say)
+            return way(own, structure, say)
 
+        weighed = partial(self.weighed, say=say)
         if noise == "white":
-            return estimate_from(ended(with_all_rows, None), asked)
-        ending, used = at_own_levels(ended, with_all_rows)
+            return estimate_from(weighed(ended(with_all_rows, None)), asked)
+        ending, used = at_own_levels(ended, with_all_rows, weighed)
         return estimate_from(ending, replace(asked, records=tuple(used)))
 
     def maximise(

@@ -1,7 +1,7 @@
 """Which order: candidates in one table, and a recommendation with its reasons.
 
 - `select` (`select_structure`): the way from records and candidates to a `Selection`.
-- `shared`: the parallel model, fitted once; starting poles for every candidate from it.
+- `shared`: the parallel model, fitted once; starting poles for candidates in coloured noise.
 - `contest`: every candidate finished on the likelihood's maximum, in rounds, all on one noise
   model.
 - `criteria`: AIC, AICc, BIC and YIC. `held_out`: the cross-validated fit.

@@ -14,6 +14,7 @@ from tridentify.judgement.selection.finish_candidates import (
     CandidateTask,
     Entry,
     contained,
+    is_on_white,
     narrowed,
     noise_orders,
     nuisance_choices,
@@ -22,6 +23,7 @@ from tridentify.judgement.selection.finish_candidates import (
     with_nuisances,
 )
 from tridentify.judgement.selection.table import SelectionTable, table_of
+from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 
 
@@ -33,10 +35,22 @@ class Contest:
     method: Method
     run: Callable[[Any, Iterable[Any], str], list[Any]]
 
-    def table(self, tasks: Sequence[CandidateTask]) -> SelectionTable:
-        """Every candidate on the likelihood's maximum, on the same terms."""
+    def table(
+        self, tasks: Sequence[CandidateTask], first: Sequence[CandidateTask | Entry]
+    ) -> SelectionTable:
+        """Every candidate on the likelihood's maximum, on the same terms.
+
+        Parameters
+        ----------
+        tasks : sequence of CandidateTask
+        first : sequence of CandidateTask or Entry
+            The same with their starts, or where they stand.
+        """
         orders = (0,) * self.records[0].n_outputs
-        entries = self.run(run_task, tasks, f"{len(tasks)} candidates on the likelihood's maximum")
+        said = f"{len(tasks)} candidates on the likelihood's maximum"
+        entries = self._ended(first, said)
+        pairs = zip(tasks, first, strict=True)
+        tasks = [begun if isinstance(begun, CandidateTask) else task for task, begun in pairs]
         table = table_of(self._improved(tasks, entries, orders), self.records, orders)
         for _ in range(MOST_ROUNDS):
             best = table.best("aicc")
@@ -47,20 +61,25 @@ class Contest:
             table = table_of(table.entries, self.records, orders)
             pinned = self._same_nuisances(tasks, table, orders)
             own = [
-                narrowed(task, (*task.seeds, entry.poles), noise)
+                entry if _is_on(entry, task, noise) else narrowed(task, entry.poles, noise)
                 for task, entry, noise in zip(pinned, table.entries, table.noise, strict=True)
-                if entry.poles is not None and entry.shared
             ]
-            done = iter(self.run(run_task, own, "all candidates on the same terms"))
-            entries = []
-            for entry in table.entries:
-                again = next(done) if entry.poles is not None and entry.shared else entry
-                entries.append(entry if again.estimate is None else again)
+            done = self._ended(own, "all candidates on the same terms")
+            entries = [
+                entry if again.estimate is None else again
+                for entry, again in zip(table.entries, done, strict=True)
+            ]
             entries = self._improved(pinned, entries, orders)
             table = table_of(entries, self.records, orders)
             if not any(orders):
                 break
         return table
+
+    def _ended(self, begun: Sequence[CandidateTask | Entry], said: str) -> list[Entry]:
+        """What became of tasks, and what stands already."""
+        tasks = [one for one in begun if isinstance(one, CandidateTask)]
+        done = iter(self.run(run_task, tasks, said) if tasks else ())
+        return [next(done) if isinstance(one, CandidateTask) else one for one in begun]
 
     def _same_nuisances(
         self, tasks: Sequence[CandidateTask], table: SelectionTable, orders: tuple[int, ...]
@@ -75,8 +94,7 @@ class Contest:
         if len(open_) < 2:
             return list(tasks)
         tried = [
-            narrowed(with_nuisances(task, terms), (entry.poles,), table.noise[best])
-            for terms in open_
+            narrowed(with_nuisances(task, terms), entry.poles, table.noise[best]) for terms in open_
         ]
         entries = self.run(run_task, tried, "which nuisance terms")
         chosen = table_of(entries, self.records, orders).best("bic")
@@ -120,3 +138,18 @@ class Contest:
             if other is not None and own is not None and other.deviance < own.deviance:
                 found[k] = entry
         return found
+
+
+def _is_on(entry: Entry, task: CandidateTask, noise: tuple[Array, ...]) -> bool:
+    """Whether an entry cannot be finished anew, or stands where it would end."""
+    if entry.poles is None or not entry.shared or entry.estimate is None:
+        return True
+    if any(a.size for a in noise) or not is_on_white(entry.estimate):
+        return False
+    own, asked = entry.estimate.structure, task.structure
+    pairs = (
+        (own.offset, asked.offset),
+        (own.drift, asked.drift),
+        (own.initial_state, asked.initial_state),
+    )
+    return all(asked in (own, None, "auto") for own, asked in pairs)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -35,10 +35,12 @@ from tridentify.judgement.selection.rule import (
 from tridentify.judgement.selection.soundness import apart_from_vagueness, doubts
 from tridentify.judgement.selection.table import SelectionTable
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.kept import cached_property
+from tridentify.numerics.kept import Beside, cached_property
 from tridentify.numerics.whiteness import is_white
 from tridentify.record.record import Record
 from tridentify.structure import Structure
+
+_UNSEEN = Beside[Unseen]("unseen")
 
 SURE = 1e-3
 """Probability that a right model's residual is taken for one that follows the input, or that is
@@ -72,6 +74,23 @@ class OrderEvidence:
     whole: tuple[Entry, ...]
     held: tuple[HeldOut, ...]
     lags: bool = False
+    under: dict[int | None, tuple[Unseen, ...]] = field(default_factory=dict, init=False)
+
+    @cached_property
+    def unseen(self) -> tuple[Unseen, ...]:
+        """The held-out errors of each row."""
+        return tuple(
+            _UNSEEN.find(one, self.judges)
+            or _UNSEEN.keep(_unseen(one, self.judges), one, self.judges)
+            for one in self.held
+        )
+
+    def whitened(self, place: int | None) -> tuple[Unseen, ...]:
+        """The same, under the noise model of one candidate."""
+        if place not in self.under:
+            noise = () if place is None else tuple(self.table.noise[place])
+            self.under[place] = tuple(replace(one, noise=noise) for one in self.unseen)
+        return self.under[place]
 
     @cached_property
     def rows(self) -> tuple[SelectionRow, ...]:
@@ -123,11 +142,8 @@ def decide(known: OrderEvidence, least: int = 0) -> Decision:
         and not follows_input(table.entries[likeliest], table.noise[likeliest], known.records)
         and not misleads(table.entries[likeliest], known.records)
     )
-    noise = () if likeliest is None else table.noise[likeliest]
-    trials = [
-        replace(_trial(row, fit, noise, known.judges), misses=_misses_late(known, k))
-        for k, (row, fit) in enumerate(zip(rows, known.held, strict=True))
-    ]
+    pairs = zip(rows, known.held, known.unseen, known.whitened(likeliest), strict=True)
+    trials = [replace(_trial(*one), misses=_misses_late(known, k)) for k, one in enumerate(pairs)]
     verdict = recommend(
         trials,
         likeliest,
@@ -235,18 +251,15 @@ def _is_sharp(row: SelectionRow) -> bool:
     return row.estimate is not None and row.estimate.status is Status.CONVERGED
 
 
-def _trial(
-    row: SelectionRow, held: HeldOut, noise: Sequence[Array], records: Sequence[Record]
-) -> Trial:
+def _trial(row: SelectionRow, held: HeldOut, unseen: Unseen, whitened: Unseen) -> Trial:
     """A candidate on samples that it has not seen."""
     if row.estimate is None:
         return Trial(0, Unseen(), Unseen(), False, False)
-    unseen = _unseen(held, records)
     size, order = _sizes(row)
     return Trial(
         size,
         unseen,
-        replace(unseen, noise=tuple(noise)),
+        whitened,
         not row.doubts and not held.reason,
         row.ok,
         order,

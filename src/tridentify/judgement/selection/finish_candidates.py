@@ -1,9 +1,10 @@
 """Every candidate finished on the likelihood's maximum, all on the same terms.
 
-1. Each candidate is finished from the best of its starts: where it ended by itself, balanced
-   truncations of the parallel model and a discrete-time model. Where the parallel model explains
-   more, single poles or pairs are then tried elsewhere (`search.following.Search.move`), as in the
-   search of one structure.
+1. On white noise each candidate stands where it ended by itself, or at the maximum beside which its
+   posterior mean lies. Otherwise it is finished from the best of its starts: that end, balanced
+   truncations of the parallel model and a discrete-time model. Single poles or pairs are then tried
+   elsewhere (`search.following.Search.move`), as in the search of one structure, where the parallel
+   model explains more.
 2. A candidate that contains another one cannot explain less. Where it does, its end was a local
    minimum, and it begins again from the poles of the lesser one with one pole more, taken from its
    own starts.
@@ -51,7 +52,6 @@ from tridentify.estimation.methods.base import Method, check
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.estimation.search.following import Search
 from tridentify.estimation.search.found import SearchEnd
-from tridentify.estimation.search.search import search_again
 from tridentify.estimation.search.starts import discrete_poles
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.autoregression import (
@@ -76,7 +76,6 @@ other."""
 WORSE = 0.05
 """Deviance [-2 log L] by which a candidate may end above one that it contains: from more its steps
 ended elsewhere, and it begins again from there."""
-SOUND = (Status.CONVERGED, Status.WEAKLY_IDENTIFIABLE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,13 +142,8 @@ def _finished(task: CandidateTask) -> tuple[Estimate, Complex]:
     patience = task.method.patience if isinstance(task.method, ThreeModel) else Patience()
     question = Question.of(records, structure, patience=patience).whitened(task.noise)
     found = decide(question, [_best(question.base, question.variants, task).poles])
-    lacks = found.best.criterion > task.reach + ALLOWANCE
-    if found.best.status not in SOUND and task.search and lacks:
-        poles, _ = search_again(question, found.best.nuisances, found.best.point.poles)
-        other = decide(question, [poles])
-        found = other if other.best.criterion < found.best.criterion else found
-    done, decisions = found.best, found.decisions
-    trace = Trace(tuple(done.recorder.passes), (), decisions, done.why)
+    done = found.best
+    trace = Trace(tuple(done.recorder.passes), (), found.decisions, done.why)
     ending = Ending(done.point, done.nuisances, done.status, done.criterion, trace)
     estimate = estimate_from(ending, Request.of(records, structure, task.method.name))
     return estimate, done.point.poles
@@ -174,12 +168,31 @@ def _best(base: Problem, variants: Sequence[Variant], task: CandidateTask) -> Po
     return Search(1).move(SearchEnd(base, best, variant, np.inf, False))
 
 
-def seeded(task: CandidateTask, alone: Entry | None) -> CandidateTask:
-    """The candidate, begun also from where it ended by itself."""
-    if alone is None or alone.estimate is None or not task.shared:
-        return task
-    poles = sort_poles(scaled_roots(alone.estimate.model.den[0][0]))
-    return replace(task, seeds=(poles, *task.seeds))
+def begun(task: CandidateTask, alone: Entry) -> CandidateTask | Entry:
+    """The candidate, to be finished from where it ended by itself; or the end, if a maximum.
+
+    One that the whole search refuses is refused.
+    """
+    if alone.estimate is None:
+        return alone
+    estimate = alone.estimate
+    poles = sort_poles(scaled_roots(estimate.model.den[0][0]))
+    if task.seeds or not is_on_white(estimate) or estimate.noise_levels:
+        return replace(task, seeds=(poles, *task.seeds))
+    if estimate.status is Status.POSTERIOR_MEAN:
+        return replace(task, seeds=(poles, *_before_the_mean(estimate, poles.size)), search=False)
+    return replace(alone, poles=poles, shared=True)
+
+
+def _before_the_mean(estimate: Estimate, n: int) -> list[Complex]:
+    """Poles of the maximum beside which a posterior mean was taken."""
+    ends = [one.theta[:n] for one in estimate.trace.passes[:-1][-1:] if one.theta.size >= n]
+    return [sort_poles(scaled_roots(np.append(1.0, end))) for end in ends]
+
+
+def is_on_white(estimate: Estimate) -> bool:
+    """Whether its samples were not whitened."""
+    return not any(a.size for a in estimate.noise_model)
 
 
 def contained(small: Entry, large: Entry, shape: tuple[int, int]) -> bool:
@@ -287,8 +300,7 @@ def raised(seeds: Sequence[Complex], poles: Complex) -> list[Complex]:
     return found
 
 
-def narrowed(
-    task: CandidateTask, poles: Sequence[Complex], noise: tuple[Array, ...]
-) -> CandidateTask:
+def narrowed(task: CandidateTask, poles: Complex | None, noise: tuple[Array, ...]) -> CandidateTask:
     """The same candidate from poles that were found already."""
-    return replace(task, seeds=tuple(poles), noise=noise, search=False)
+    seeds = () if poles is None else (poles,)
+    return replace(task, seeds=seeds, noise=noise, search=False)

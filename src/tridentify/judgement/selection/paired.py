@@ -23,13 +23,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.special import stdtrit
 
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import whiten
+from tridentify.numerics.kept import cached_property
 
 GROUPS = 5
 """Groups of equal evidence. Fewer have no power, more are no longer independent: the slowest time
@@ -62,13 +63,18 @@ class Unseen:
         For each record and output, what offset, drift and initial state may add.
     noise : tuple of (p,) arrays
         Of each output: the errors count after whitening by it; empty for white.
+    compared : dict
+        What `contrasts` found: one and the same pair is asked for by many rules.
     """
 
     errors: tuple[Array, ...] = ()
     terms: tuple[tuple[Array, ...], ...] = ()
     noise: tuple[Array, ...] = ()
+    compared: dict[Unseen, tuple[Contrast, Contrast]] = field(
+        default_factory=dict, init=False, repr=False
+    )
 
-    @property
+    @cached_property
     def loss(self) -> float:
         """Sum of the squares of all errors; infinite where there are none."""
         if not self.errors:
@@ -130,9 +136,11 @@ def contrasts(own: Unseen, other: Unseen) -> tuple[Contrast, Contrast]:
     >>> [one.as_good for one in contrasts(poor, good)], contrasts(same, good)[0].as_good
     ([False, False], True)
     """
-    return _contrast(own, other, own.errors, other.errors), _contrast(
-        own, other, *(tuple(_cleaned(one, own, other)) for one in (own, other))
-    )
+    if other not in own.compared:
+        cleaned = (tuple(_cleaned(one, own, other)) for one in (own, other))
+        plain = _contrast(own, other, own.errors, other.errors)
+        own.compared[other] = plain, _contrast(own, other, *cleaned)
+    return own.compared[other]
 
 
 def _contrast(

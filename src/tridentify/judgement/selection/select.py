@@ -6,15 +6,15 @@ company it keeps.
 
 What decides compares them, and a likelihood can only be compared on the same terms. So the
 candidates are finished once more, from where each ended, on the maximum of one likelihood, with one
-noise model and the same nuisance terms (`contest`); there they share their work: the parallel model
-is fitted once (`shared`) and gives all of them further starts, and local minima show by comparison
-with lesser candidates.
+noise model and the same nuisance terms (`contest`); there local minima show by comparison with
+lesser candidates. Where noise is not white they share the parallel model there, which is fitted
+once (`shared`) and gives all of them further starts.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -36,7 +36,7 @@ from tridentify.judgement.selection.decide import (
     follows_input,
     misleads,
 )
-from tridentify.judgement.selection.finish_candidates import CandidateTask, Entry, run_task, seeded
+from tridentify.judgement.selection.finish_candidates import CandidateTask, Entry, begun, run_task
 from tridentify.judgement.selection.hankel import Hankel, hankel_values
 from tridentify.judgement.selection.held_out import HeldEstimate, HeldOut, cross_fit
 from tridentify.judgement.selection.higher import higher_candidates
@@ -49,7 +49,7 @@ from tridentify.judgement.selection.orders import (
 )
 from tridentify.judgement.selection.result import Selection, SelectionRow
 from tridentify.judgement.selection.settle import having_said, resettled, resettled_again, settle
-from tridentify.judgement.selection.shared import Shared, shared_models
+from tridentify.judgement.selection.shared import shared_models
 from tridentify.judgement.selection.table import SelectionTable, table_of
 from tridentify.judgement.selection.words import in_words, notes
 from tridentify.numerics.arrays import Complex
@@ -228,12 +228,10 @@ class _Work:
 
         Those of ``before``, of the same records, are not identified again.
         """
-        self.say("the parallel model, for all candidates")
-        tasks = self._tasks(structures, self._shared(structures))
+        tasks = self._tasks(structures)
         alone = self._identified(tasks, before)
-        tasks = [seeded(task, alone.get(k)) for k, task in enumerate(tasks)]
-        table = Contest(self.records, self.method, self.run).table(tasks)
-        # one that the whole search refuses is refused, whatever the contest made of it
+        first = self._started(tasks, alone)
+        table = Contest(self.records, self.method, self.run).table(tasks, first)
         whole = (alone.get(k, entry) for k, entry in enumerate(table.entries))
         return _Opened(table, tuple(whole))
 
@@ -352,31 +350,45 @@ class _Work:
             return False
         return follows_input(entry, entry.estimate.noise_model, self.records)
 
-    def _shared(self, structures: Sequence[Structure]) -> Shared | None:
-        able = [s for s in structures if self._can_share(s)]
-        try:
-            return shared_models(self.records, able)
-        except (TridentifyError, np.linalg.LinAlgError, ValueError):
-            return None
-
     def _can_share(self, structure: Structure) -> bool:
         plain = isinstance(self.method, ThreeModel) and self.method.loss == "squared"
         known = structure.delay != "free" and not structure.constrained
         return plain and known and structure.shared
 
-    def _tasks(self, structures: Sequence[Structure], shared: Shared | None) -> list[CandidateTask]:
+    def _tasks(self, structures: Sequence[Structure]) -> list[CandidateTask]:
         found = []
-        reach = -math.inf if shared is None else shared.models[0].criterion
-        orders = {one.common_poles for one in structures if self._can_share(one)}
-        reduced = {n: () if shared is None else shared.seeds(n) for n in orders}
         asked, estimate = self.identified or (None, None)
         for structure in structures:
-            able = shared is not None and self._can_share(structure)
+            able = self._can_share(structure)
             n = structure.common_poles if able else 0
-            seeds = (*reduced.get(n, ()), *(poles for poles in self.found if poles.size == n))
-            task = CandidateTask(self.records, structure, self.method, seeds, (), able, reach=reach)
+            seeds = tuple(poles for poles in self.found if poles.size == n)
+            task = CandidateTask(self.records, structure, self.method, seeds, (), able)
             found.append(replace(task, found=estimate) if structure is asked else task)
         return found
+
+    def _started(
+        self, tasks: Sequence[CandidateTask], alone: Mapping[int, Entry]
+    ) -> list[CandidateTask | Entry]:
+        """Where the contest begins: at ends on white noise, and with the parallel model's poles."""
+        begin = [begun(task, alone[k]) if k in alone else task for k, task in enumerate(tasks)]
+        open_ = [isinstance(one, CandidateTask) and one.shared and one.search for one in begin]
+        able = [one.structure for one, asked in zip(begin, open_, strict=True) if asked]
+        if not able:
+            return begin
+        self.say("the parallel model, for all candidates")
+        try:
+            shared = shared_models(self.records, able)
+        except (TridentifyError, np.linalg.LinAlgError, ValueError):
+            shared = None
+        reach = -math.inf if shared is None else shared.models[0].criterion
+        orders = {one.common_poles for one in able}
+        reduced = {n: () if shared is None else shared.seeds(n) for n in orders}
+        return [
+            replace(one, seeds=(*one.seeds, *reduced[one.structure.common_poles]), reach=reach)
+            if isinstance(one, CandidateTask) and asked
+            else one
+            for one, asked in zip(begin, open_, strict=True)
+        ]
 
     def _identified(
         self, tasks: Sequence[CandidateTask], before: Sequence[Entry]
@@ -387,9 +399,9 @@ class _Work:
         found = {k: known[own] for k, own in enumerate(ids) if own in known}
         wanted = [k for k, task in enumerate(tasks) if task.shared and k not in found]
         alone = [replace(tasks[k], shared=False) for k in wanted]
-        return found | dict(
-            zip(wanted, self.counted(run_task, alone, "the whole search for each"), strict=True)
-        )
+        said = "the whole search for each"
+        done = self.counted(run_task, alone, said)
+        return found | dict(zip(wanted, done, strict=True))
 
     def _hankel(self, table: SelectionTable, place: int | None) -> Hankel | None:
         """On operators with the poles of the recommended candidate."""

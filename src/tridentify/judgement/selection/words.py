@@ -8,6 +8,7 @@ from tridentify.judgement.selection.numbers import percent, share
 from tridentify.judgement.selection.orders import is_integrator, order_label
 from tridentify.judgement.selection.result import SelectionRow
 from tridentify.judgement.selection.rule import POINT, SLIGHT, Contender, Verdict, needed
+from tridentify.judgement.validation.explained import TRIED
 from tridentify.numerics.arrays import Array
 from tridentify.structure import Structure
 
@@ -62,7 +63,7 @@ def in_words(
     if not verdict.sound:
         told.append(f"It is not sound: {'; '.join(own.doubts) or own.held_out_reason}.")
     if missed:
-        told.append(MISSED)
+        told += [MISSED, _likeliest_cause(own)]
     elif coloured:
         told.append(COLOURED)
     return " ".join(filter(None, told))
@@ -134,6 +135,16 @@ COLOURED = (
 )
 
 
+def _likeliest_cause(row: SelectionRow) -> str:
+    """What explains such a residual best, in the words of the first finding that is no note."""
+    found = () if row.estimate is None else row.estimate.findings
+    first = next((one for one in found if one.severity != "note"), None)
+    if first is None or first.code == "order-low":
+        return ""
+    _, tried, said = first.message.partition(TRIED)
+    return f"{tried}{said}"
+
+
 def _passed_over(rows: Sequence[SelectionRow], place: int) -> str:
     """The candidate of the best held-out fit that something speaks against, and what."""
     own = rows[place].cross_fit.min(initial=float("inf"))
@@ -189,6 +200,7 @@ def reason_of(
         )
     if missed:
         told.append("Its residual still follows the input, so no candidate explains the record.")
+        told.append(_likeliest_cause(own))
     return " ".join(filter(None, told))
 
 

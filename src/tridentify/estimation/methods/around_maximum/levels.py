@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -26,9 +27,12 @@ STILL = 0.01
 by as much cost a hundred-thousandth of a standard error."""
 
 Ended = Callable[[Sequence[Record], Complex | None], Ending]
+Weighed = Callable[[Any], Ending]
 
 
-def at_own_levels(ended: Ended, records: Sequence[Record]) -> tuple[Ending, list[Record]]:
+def at_own_levels(
+    ended: Ended, records: Sequence[Record], follow: Weighed = lambda end: end
+) -> tuple[Ending, list[Record]]:
     """Where a method ends with the noise level of each experiment, if these are not one.
 
     Parameters
@@ -36,6 +40,8 @@ def at_own_levels(ended: Ended, records: Sequence[Record]) -> tuple[Ending, list
     ended : callable
         The method on records, from poles that they may well have or from nothing.
     records : sequence of Record
+    follow : callable, optional
+        What follows such an end, and takes long: the levels hardly depend on it, so it comes last.
 
     Returns
     -------
@@ -43,25 +49,31 @@ def at_own_levels(ended: Ended, records: Sequence[Record]) -> tuple[Ending, list
     records : list of Record
         As they were fitted.
     """
-    first = ended(records, None)
-    own = _differing(first) if len(records) > 1 else None
+    first, last = ended(records, None), follow
+    if len(records) == 1:
+        return last(first), list(records)
+    if not first.status.ok:
+        # there may be levels of what follows
+        first, last = follow(first), lambda end: end
+    own = _differing(first)
     if own is None:
-        return first, list(records)
+        return last(first), list(records)
     end, levels = first, own
     for _ in range(MOST_TURNS):
         used = weighed(records, list(np.sqrt(levels)))
         try:
             end = ended(used, end.point.poles)
+            end = end if last is follow else follow(end)
             found = NoiseLevels.at(end.curvature).known.variance
         except (IdentifiabilityError, np.linalg.LinAlgError):
-            return first, list(records)
+            return last(first), list(records)
         # outputs of one level keep it
         found = np.where(np.ptp(levels, axis=0) > 0, found, levels)
         moved = np.max(np.abs(np.log(found / levels) - np.mean(np.log(found / levels), axis=0)))
         if moved < 2.0 * STILL:
             break
         levels = found
-    return _with_levels(end, used), used
+    return _with_levels(last(end), used), used
 
 
 def _differing(end: Ending) -> Array | None:
