@@ -10,7 +10,7 @@ from tridentify import Record, Structure, ThreeModel, identify
 from tridentify.estimation.closed_loop.between_samples import Loop
 from tridentify.estimation.closed_loop.coprime.factors import Factors, Fit
 from tridentify.estimation.closed_loop.coprime.plant_form import Rows
-from tridentify.estimation.closed_loop.coprime.search import applies, coprime_root
+from tridentify.estimation.closed_loop.coprime.search import Coprime, applies, coprime_root
 from tridentify.estimation.closed_loop.driven import driven
 from tridentify.estimation.closed_loop.predictor import Plant
 from tridentify.estimation.closed_loop.unstable import autoregressive
@@ -73,6 +73,13 @@ def test_steps_lead_to_the_plant():
     begun = Plant(1.05 * TRUTH[:2], (0.95 * TRUTH[2:],))
     ended = fit_near(loop(3, 100, 0.0), begun).descended()
     np.testing.assert_allclose(ended.factors.plant.theta, TRUTH, rtol=1e-4)
+
+
+def test_only_where_a_pole_is_clearly_right_of_zero():
+    """It is at 2.7 rad/s, and moves by a sixth of what the last denominator coefficient does."""
+    fit = fit_near(loop(3, 20, 0.0), Plant(TRUTH[:2], (TRUTH[2:],)))
+    for error, clear in ((3.0, True), (5.0, False)):
+        assert Coprime(fit, np.diag([0.0, error, 0.0]) ** 2).clearly_grows == clear
 
 
 def test_derivatives():
