@@ -56,9 +56,6 @@ they stay: the driven part of the errors is zero at the plant whatever they are,
 at zero they have no derivative."""
 HALVINGS = 8
 """Of a step that does not lower the driven error: 1/256 of it is none."""
-MOST_GROWTH = 1.0 / float(np.finfo(float).eps)
-"""Of a plant in a sampling interval: beyond it a predictor sees nothing but rounding, and has roots
-where its errors are zero."""
 MOST_NOISE_ROUNDS = 4
 """Fits of the noise model and of the coefficients in turn."""
 
@@ -325,11 +322,10 @@ def _descended(
             allowed = np.inf
         for _ in range(HALVINGS):
             following = plant.with_theta(plant.theta + share * whole)
-            if _grows(loops, following, fed_back) < MOST_GROWTH:
-                new = linear_errors(loops, following, noise, fed_back=fed_back, held=held)
-                lower = new.is_bounded and merit(new, basis) <= allowed * (1 + 1e-9)
-                if lower and new.is_finite:
-                    break
+            new = linear_errors(loops, following, noise, fed_back=fed_back, held=held)
+            lower = new.is_bounded and merit(new, basis) <= allowed * (1 + 1e-9)
+            if lower and new.is_finite:
+                break
             share *= 0.5
         else:
             moved = np.inf
@@ -338,12 +334,6 @@ def _descended(
         if moved <= STILL:
             break
     return _found(loops, plant, linear, (steps, moved), fed_back, held)
-
-
-def _grows(loops: Sequence[Loop], plant: Plant, fed_back: bool) -> float:
-    """Amplification of the output's noise by the predictor of a plant."""
-    step = float(loops[0].record.dt or 0.0)
-    return Predictor(plant, step, slowest(loops), fed_back).amplification
 
 
 def _turning(change: Array, before: Array, share: float) -> float:
@@ -385,13 +375,14 @@ def _found(
     whole = plain.errors - plain.rest @ change[n:]
     errors = np.split(whole, np.cumsum([loop.record.n_samples for loop in loops])[:-1])
     seen = [observed(loop) for loop in loops]
+    step = float(loops[0].record.dt or 0.0)
     return Found(
         plant,
         variance * inverse @ inverse.T,
         tuple(np.where(s, e, np.nan) for s, e in zip(seen, errors, strict=True)),
         noise,
         variance,
-        _grows(loops, plant, fed_back),
+        Predictor(plant, step, slowest(loops), fed_back).amplification,
         tuple(rest),
         freedom,
         float(np.linalg.cond(columns)),
