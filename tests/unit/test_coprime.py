@@ -10,7 +10,7 @@ from tridentify import Record, Structure, ThreeModel, identify
 from tridentify.estimation.closed_loop.between_samples import Loop
 from tridentify.estimation.closed_loop.coprime.factors import Factors, Fit
 from tridentify.estimation.closed_loop.coprime.plant_form import Rows
-from tridentify.estimation.closed_loop.coprime.search import coprime_root
+from tridentify.estimation.closed_loop.coprime.search import Coprime, applies, coprime_root
 from tridentify.estimation.closed_loop.driven import driven
 from tridentify.estimation.closed_loop.predictor import Plant
 from tridentify.estimation.closed_loop.unstable import autoregressive
@@ -36,6 +36,7 @@ def factors_of(record: Record):
     return coprime_root([Loop(driven(record), "continuous")], [begun], autoregressive)
 
 
+@pytest.mark.slow
 def test_plant_in_a_fast_loop():
     """The response between the samples is that of the loop, which an exponential steps through."""
     found = factors_of(loop(3, 300, 1e-3))
@@ -45,16 +46,46 @@ def test_plant_in_a_fast_loop():
     assert found.fit.factors.x.shape[1] == 3
 
 
-def test_derivatives():
-    """By differences, of every coefficient of plant, controller and loop."""
-    record = loop(3, 100, 0.0)
+def test_none_of_a_controller_that_works_on_samples():
+    """Whatever it is said to be: its input follows from the samples."""
+    record = loop(3, 200, 0.01)
+    rule, before = np.zeros(record.n_samples), 0.0
+    for k, seen in enumerate(record.reference[:, 0] - record.y[:, 0]):
+        before = rule[k] = 0.5 * before + 3.0 * seen
+    plants = [Plant(TRUTH[:2], (TRUTH[2:],))]
+    sampled = Record(rule, record.y, dt=DT, reference=record.reference)
+    assert applies([Loop(driven(record), "continuous")], plants)
+    assert not applies([Loop(driven(sampled), "continuous")], plants)
+
+
+def fit_near(record: Record, plant: Plant) -> Fit:
     factors = Factors(
-        Plant(TRUTH[:2], (TRUTH[2:],)),
+        plant,
         np.array([[1.0, 34.05, 588.8]]),
         np.array([-5.0 + 5.0j, -5.0 - 5.0j, -12.0 + 13.0j, -12.0 - 13.0j]),
     )
     loops = (Loop(driven(record), "continuous"),)
-    fit = Fit(loops, factors, Rows.plain(loops[0], factors.plant, 0.1))
+    return Fit(loops, factors, Rows.plain(loops[0], plant, 0.1))
+
+
+def test_steps_lead_to_the_plant():
+    """From poles that are nearly those of the loop, without noise."""
+    begun = Plant(1.05 * TRUTH[:2], (0.95 * TRUTH[2:],))
+    ended = fit_near(loop(3, 100, 0.0), begun).descended()
+    np.testing.assert_allclose(ended.factors.plant.theta, TRUTH, rtol=1e-4)
+
+
+def test_only_where_a_pole_is_clearly_right_of_zero():
+    """It is at 2.7 rad/s, and moves by a sixth of what the last denominator coefficient does."""
+    fit = fit_near(loop(3, 20, 0.0), Plant(TRUTH[:2], (TRUTH[2:],)))
+    for error, clear in ((3.0, True), (5.0, False)):
+        assert Coprime(fit, np.diag([0.0, error, 0.0]) ** 2).clearly_grows == clear
+
+
+def test_derivatives():
+    """By differences, of every coefficient of plant, controller and loop."""
+    fit = fit_near(loop(3, 100, 0.0), Plant(TRUTH[:2], (TRUTH[2:],)))
+    factors = fit.factors
     slopes = fit.derivatives(0)
     for k in range(slopes.shape[1]):
         step = np.zeros(slopes.shape[1])

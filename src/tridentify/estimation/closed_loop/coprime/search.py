@@ -9,7 +9,7 @@ and a zero upon it.
 
 Where a controller rests at its limits, or operators on the references explain more of the errors
 than chance does, there are no such factors, and `coprime_root` finds nothing. A controller that
-works on samples is not seen by this.
+works on samples is not seen by this, but its rule is in the input (`input_rule`).
 
 Reference: B. Moore, IEEE Transactions on Automatic Control 26 (1981) 17-32.
 """
@@ -32,6 +32,7 @@ from tridentify.estimation.closed_loop.coprime.factors import (
 )
 from tridentify.estimation.closed_loop.coprime.plant_form import Rows, covariance, weighed
 from tridentify.estimation.closed_loop.driven import Driven, driven, widest
+from tridentify.estimation.closed_loop.input_rule import InputRule, input_rule
 from tridentify.estimation.closed_loop.linear_errors import slowest
 from tridentify.estimation.closed_loop.predictor import Plant
 from tridentify.numerics.arrays import Array, Complex
@@ -52,6 +53,10 @@ TOLD_APART = 1e-3
 """Part of such an operator, of unit length, that the factors do not make."""
 AT_LIMITS = 0.005
 """Share of the samples at a limit of the input, from which the controller is not linear."""
+
+CLEARLY_GROWS = 4.0
+"""Standard errors from zero of the pole farthest right, from which factors are taken: beside an
+integrator a pole too few of the controller shows in the plant, and intervals are too narrow."""
 
 Choice = Callable[[Sequence[Array]], Array]
 
@@ -74,6 +79,15 @@ class Coprime:
     def plant(self) -> Plant:
         """As it was found."""
         return self.fit.factors.plant
+
+    @property
+    def clearly_grows(self) -> bool:
+        """Whether the pole farthest right is clearly right of zero."""
+        plant, n = self.plant, self.plant.a.size
+        pole = plant.poles[np.argmax(plant.poles.real)]
+        slope = np.polyval(np.polyder(np.append(1.0, plant.a)), pole)
+        moves = (pole ** np.arange(n)[::-1] / slope).real
+        return float(pole.real) > CLEARLY_GROWS * float(np.sqrt(moves @ self.cov[:n, :n] @ moves))
 
 
 def coprime_root(
@@ -115,11 +129,12 @@ def coprime_root(
     k = free.shape[1]
     if not np.isfinite(cov).all():
         return None
-    return Coprime(best, np.asarray(free @ cov[:k, :k] @ free.T))
+    found = Coprime(best, np.asarray(free @ cov[:k, :k] @ free.T))
+    return found if found.clearly_grows else None
 
 
 def applies(loops: Sequence[Loop], plants: Sequence[Plant]) -> bool:
-    """Whether the loop is fast, of one input, strictly proper, linear, and nothing is missing."""
+    """Whether the loop is fast, continuous, of one input, strictly proper, linear, and complete."""
     late = [one for loop in loops for one in loop.late]
     return (
         bool(plants)
@@ -133,6 +148,8 @@ def applies(loops: Sequence[Loop], plants: Sequence[Plant]) -> bool:
         )
         and all(one == round(one) for one in late)
         and plants[0].b[0].size <= plants[0].a.size
+        and input_rule([loop.record for loop in loops], plants[0].a.size)
+        not in (InputRule.SAMPLED, InputRule.HELD)
     )
 
 
