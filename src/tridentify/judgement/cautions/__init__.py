@@ -12,7 +12,6 @@ import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import SEVERITIES, Finding, joined, same_thing
-from tridentify.estimation.likelihood.answer import kept_point
 from tridentify.judgement.causes.attempts.at_once import gain_findings
 from tridentify.judgement.causes.attempts.fewer import order_findings
 from tridentify.judgement.causes.attempts.first_samples import Predictions
@@ -21,7 +20,6 @@ from tridentify.judgement.causes.attempts.intersample import (
     intersample_findings,
     is_clearly_better,
 )
-from tridentify.judgement.causes.attempts.revisit import stated
 from tridentify.judgement.causes.attempts.rivals import ALONG
 from tridentify.judgement.causes.attempts.told_apart import loop_findings
 from tridentify.judgement.cautions.coefficients import coefficient_findings
@@ -70,10 +68,7 @@ def judged(
     >>> identify(record, Structure(1, 0), throw=False).findings[0].code
     'no-response'
     """
-    end = kept_point(estimate.model, records, stated(estimate))
     known = Predictions(estimate)
-    if end is not None and not any(e.start for e in end.problem.experiments):
-        known = Predictions(estimate, dict(enumerate(end.outputs())))
     # those of the method come first: what it alone could see
     found = [*estimate.findings, *coefficient_findings(estimate, records)]
     if not any(one.code == "no-response" for one in found):
