@@ -7,7 +7,6 @@ import pytest
 
 from tridentify import Record, Status, Structure, ThreeModel, TransferFunction, identify, simulate
 from tridentify.estimation.posterior import mean
-from tridentify.estimation.posterior.mean import Posterior
 
 DT = 0.1
 
@@ -75,10 +74,3 @@ def test_a_resonance_that_rings_along_with_loud_noise_is_not_believed(seed):
     estimate = identify(Record(u, y, dt=0.05), asked, throw=False)
     assert estimate.status is Status.POSTERIOR_MEAN
     assert np.all(np.abs(estimate.theta - [1.0, 3.0, 0.5]) < 12.0 * estimate.std)
-
-
-def test_the_share_of_draws_at_a_maximum():
-    draws = np.array([[2.0, 5.0], [2.1, 5.2], [2.0, 5.0], [9.0, 50.0]])
-    poles = np.array([-1.0 + 2.0j, -1.0 - 2.0j])
-    found = Posterior(poles, draws, 100.0, 4)
-    assert found.share_at(poles, np.diag([0.01, 0.04])) == 0.75

@@ -65,8 +65,6 @@ ELSEWHERE = "models far likelier than the end of the search lie elsewhere, and t
 NOT_ROBUST = "the maximum of the robust likelihood: the posterior mean is for squared loss"
 LOST = 0.5
 """Standard error over natural size above which a maximum is not kept for that reason."""
-MOST = 0.5
-"""Share of the likely models that a sharp maximum must stand for, if their mean is not to count."""
 SOUND = (Status.CONVERGED, Status.AT_STABILITY_LIMIT, Status.WEAKLY_IDENTIFIABLE)
 
 
@@ -162,7 +160,7 @@ def mean(finish: FinishChoice, best: Ending, say: Callable[[str], None]) -> Endi
         return best.told("the posterior could not be sampled; the likelihood's maximum is kept")
     point = evaluate(problem, found.poles)
     if point.objective > best.point.objective + RIVAL:
-        if finish == "auto" and sound and not _is_one_of_many(best.point.poles, cov, vague, found):
+        if finish == "auto" and sound:
             return best.told(BETWEEN)
         likely = evaluate(problem, found.nearest(problem))
         point = likely if likely.objective < point.objective - RIVAL else point
@@ -177,18 +175,6 @@ def mean(finish: FinishChoice, best: Ending, say: Callable[[str], None]) -> Endi
         trace=_continued(scattered.trace, point, found, _in_words(finish, vague, sound, best)),
         spread=_spread(point, found, scatter),
     )
-
-
-def _is_one_of_many(
-    poles: Complex, cov: Array | None, vague: Vague | None, found: Posterior
-) -> bool:
-    """Whether a sharp maximum is where few of the likely models are: it fits the noise.
-
-    Where they lie on a curve, the maximum is not sharp along it.
-    """
-    if cov is None or vague is None or not vague.share < VAGUE:
-        return False
-    return found.share_at(poles, cov) < MOST
 
 
 def _vagueness(best: Ending) -> tuple[Array | None, Vague | None]:

@@ -88,8 +88,6 @@ AT_LEAST = 20.0
 LAST = 24
 """Rounds after those, where draws are still too few: in loud noise hundreds of narrow resonances
 each explain some of it, and all of them together are to be weighed."""
-NEAR = 4.0
-"""Standard errors of a maximum, and by square root of the number of poles, that it reaches."""
 SURE = 2.0
 """Standard errors between a pole and what the record excludes."""
 NORMAL = NormalDist()
@@ -120,14 +118,6 @@ class Posterior:
     def usable(self) -> bool:
         """Whether the draws say anything."""
         return self.effective >= TOO_FEW
-
-    def share_at(self, poles: Complex, cov: Array) -> float:
-        """Share of the draws within `NEAR` standard errors of a maximum with so much covariance."""
-        n = poles.size
-        off = self.draws[:, :n] - denominator(poles)[1:]
-        scale = np.sqrt(np.maximum(np.diag(cov), 1e-300))
-        whitened = (off / scale) @ np.linalg.pinv(cov / np.outer(scale, scale), hermitian=True)
-        return float(np.mean(np.sum(whitened * off / scale, axis=1) < n * NEAR**2))
 
     def nearest(self, problem: Problem) -> Complex:
         """(n,) poles of the draw that is nearest to the mean, for where the likely lie on a curve.
