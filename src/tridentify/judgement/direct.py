@@ -50,6 +50,7 @@ from tridentify.record.record import Record
 from tridentify.structure import Structure
 
 CODE = "feedback"
+HELD = (CODE, "loop-not-excited")
 
 DECIDES = 2.0
 """Difference from white weights [standard errors] from which the model of the noise decides."""
@@ -121,7 +122,7 @@ def _reacts(estimate: Estimate, records: Sequence[Record]) -> str:
     """What all tests say of an input that reacts; empty for nothing."""
     suspected = may_react_at_all(estimate, records)
     found = looked_at(estimate, records) if suspected else ()
-    return "the input reacts to the output" if any(one.code == CODE for one in found) else ""
+    return "the input reacts to the output" if any(one.code in HELD for one in found) else ""
 
 
 def _held(estimate: Estimate, records: Sequence[Record]) -> str:

@@ -69,7 +69,7 @@ def _begun(record: Record) -> Record:
 
 def _moves(record: Record, begun: Record) -> bool:
     """Whether the start clearly moves inputs or outputs beyond what the references do."""
-    return _criterion(driven(record)) - _criterion(driven(begun)) > WORTHWHILE
+    return _criterion(driven(record, own=True)) - _criterion(driven(begun, own=True)) > WORTHWHILE
 
 
 def _criterion(part: Driven) -> float:

@@ -129,7 +129,7 @@ class Loop:
         if isinstance(self.driven, AsRecorded):
             return STRAIGHT
         step = float(np.median(np.diff(self.record.t)))
-        return int(np.clip(np.ceil(self.driven.rate * step / FINE), 1, MOST_PIECES))
+        return int(np.clip(np.ceil(self.driven.fastest * step / FINE), 1, MOST_PIECES))
 
     @cached_property
     def fine_inputs(self) -> Array:

@@ -12,7 +12,9 @@ that is linear in ``r``. It is a function of continuous time.
 
 Operators are Laguerre functions. Rate and number are those of the lowest AICc of all signals
 together, where the residual of each is taken as white: the signals that are wanted here need not be
-complete, as what the model leaves of ``u`` is not lost (`between_samples`).
+complete, as what the model leaves of ``u`` is not lost (`between_samples`). Between the samples it
+is: where the input counts there too, operators with the poles of the loop itself (`own_poles`) take
+the place of Laguerre functions, of which a loop that swings needs dozens, if their AICc is lower.
 
 References: P. Van den Hof & R. Schrama, Automatica 29 (1993) 1523-1527, fit the map from reference
 to input in a first stage of its own. U. Forssell & L. Ljung, Automatica 36 (2000) 1357-1364.
@@ -24,6 +26,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tridentify.estimation.closed_loop.own_poles import own_poles
 from tridentify.estimation.likelihood.thresholds import CLEARLY
 from tridentify.models.regression import Experiment, response_of
 from tridentify.numerics.arrays import Array, Complex
@@ -47,6 +50,10 @@ loops that are over within a sample are faster than any rate that is tried."""
 COARSE = 0.3
 """Rate of the loop times sampling interval from which what a continuous controller does between the
 samples counts: standard errors are then a fifth too small and more."""
+MOST_OWN = 8
+"""Poles of the loop, as `MOST_FUNCTIONS` has them."""
+ROUNDS = 3
+"""Of operators and their poles in turn: the third moves them by less than their errors."""
 TOLD_APART = 1e-6
 """Of columns with unit length, what a column must add to those before it: below, weights would be
 large, cancel at the samples, and run away between them."""
@@ -69,6 +76,8 @@ class Driven:
         At the samples.
     noise : (n_samples, n_outputs) array, optional
         Beside which the weights were found, where they were (`noise_driven`).
+    about : float, optional
+        Rate of the Laguerre functions in whose place these operators stand [rad/s].
     """
 
     record: Record
@@ -77,11 +86,24 @@ class Driven:
     weights: Array
     columns: Array
     noise: Array | None = None
+    about: float | None = None
 
     @property
     def rate(self) -> float:
-        """Of the fastest operator [rad/s]."""
+        """Of the Laguerre functions, or of those in whose place the operators stand [rad/s]."""
+        return self.fastest if self.about is None else self.about
+
+    @property
+    def fastest(self) -> float:
+        """Of all operators [rad/s]."""
         return float(np.max(np.abs(self.poles)))
+
+    def repeated(self, order: int) -> Complex:
+        """So many poles of the operators, from the first on and again; no pair is torn apart."""
+        often = -(-order // self.order)
+        poles = np.tile(self.poles, often)
+        torn = poles[order - 1].imag > 0.0
+        return poles[: order + torn]
 
     @property
     def order(self) -> int:
@@ -138,7 +160,7 @@ class Driven:
         return np.asarray((right[0::2] + 2.0 * (left[0::2] + right[1::2]) + left[1::2]) / 6.0)
 
 
-def driven(record: Record, *, between: bool = False) -> Driven:
+def driven(record: Record, *, between: bool = False, own: bool = False) -> Driven:
     """Fit the parallel model that the references drive to inputs and outputs.
 
     Parameters
@@ -147,6 +169,8 @@ def driven(record: Record, *, between: bool = False) -> Driven:
         With at least one reference.
     between : bool
         Whether the signals count between the samples too (`shown_by_samples`).
+    own : bool
+        Whether the poles of the loop are sought without that, too.
 
     Returns
     -------
@@ -171,7 +195,45 @@ def driven(record: Record, *, between: bool = False) -> Driven:
                 weights = fitted(columns, signals)
                 found = Driven(record, laguerre(rate, order), before, weights, columns)
     assert found is not None
-    return found
+    return _by_own_poles(found, lowest, most) if between or own else found
+
+
+def _by_own_poles(part: Driven, lowest: float, most: int) -> Driven:
+    """With the poles of the loop, as often as it pays, where they explain more for their number."""
+    record, references = part.record, part.record.n_references
+    signals, direct = np.column_stack([record.u, record.y]), np.asarray(record.reference)
+    experiment = starting(record, part.before)
+    best = part
+    for count in range(1, min(most, MOST_OWN) + 1):
+        current = part
+        for _ in range(ROUNDS):
+            left = signals - current.columns @ current.weights
+            levels = np.sqrt(np.nanmean(left**2, axis=0)) + 1e-300
+            states = current.weights[1 + references :] / levels
+            poles = own_poles(current.poles, states, count, record.duration, experiment.dt)
+            if poles is None:
+                break
+            often = min(most, _shown(poles, experiment.dt)) // count
+            if not often:
+                break
+            all_states = operators(experiment, np.tile(poles, often))
+            criterion, order = _cheapest(
+                columns_of(direct, all_states), signals, references, often * count, count
+            )
+            columns = columns_of(direct, all_states[:, _first(order, often * count, references)])
+            weights = fitted(columns, signals)
+            poles = np.tile(poles, order // count)
+            current = Driven(record, poles, part.before, weights, columns, about=part.rate)
+            # its poles were fitted, too
+            if criterion + 2.0 * count < lowest:
+                lowest, best = criterion + 2.0 * count, current
+    return best
+
+
+def _shown(poles: Complex, step: float) -> int:
+    """As `shown_by_samples`, of some poles in turn."""
+    each = float(np.mean(np.arctan(np.abs(poles) * step / np.pi)))
+    return max(1, int(np.pi / (2.0 * each)))
 
 
 def shown_by_samples(step: float) -> int:
@@ -230,7 +292,7 @@ def described_otherwise(part: Driven) -> list[Driven]:
     step = float(np.median(np.diff(part.record.t)))
     if part.noise is not None and part.rate * step <= COARSE:
         return [part] * len(BESIDE)
-    own = widest(part.record, part.rate, part.before)
+    own = part if part.about else widest(part.record, part.rate, part.before)
     others = [widest(part.record, rate * part.rate, part.before) for rate in BESIDE]
     return [one if _as_good(one, own) else part for one in others]
 
@@ -341,8 +403,10 @@ def _first(order: int, most: int, n_references: int) -> Array:
     return np.concatenate([k * most + np.arange(order) for k in range(n_references)])
 
 
-def _cheapest(columns: Array, signals: Array, n_references: int, most: int) -> tuple[float, int]:
-    """Lowest AICc over the number of operators, and that number."""
+def _cheapest(
+    columns: Array, signals: Array, n_references: int, most: int, each: int = 1
+) -> tuple[float, int]:
+    """Lowest AICc over the number of operators, a multiple of some, and that number."""
     lead = 1 + n_references
     # operator by operator, those of all references together: nested from left to right
     nested = lead + np.arange(n_references * most).reshape(n_references, most).T.ravel()
@@ -351,7 +415,7 @@ def _cheapest(columns: Array, signals: Array, n_references: int, most: int) -> t
     q, r = np.linalg.qr(ordered / np.where(norms > 0, norms, 1.0))
     sound = np.abs(np.diag(r)) > TOLD_APART
     total = 0.0
-    counts = lead + n_references * np.arange(1, most + 1)
+    counts = lead + n_references * np.arange(each, most + 1, each)
     for signal in signals.T:
         seen = np.isfinite(signal)
         if seen.all():
@@ -364,7 +428,7 @@ def _cheapest(columns: Array, signals: Array, n_references: int, most: int) -> t
         price = 2.0 * counts * n / np.maximum(n - counts - 2.0, 1.0)
         total = total + n * np.log((rest + floor) / n) + price
     best = int(np.argmin(total))
-    return float(np.asarray(total)[best]), best + 1
+    return float(np.asarray(total)[best]), (best + 1) * each
 
 
 def _rest(columns: Array, signal: Array) -> float:

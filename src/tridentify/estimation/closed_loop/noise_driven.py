@@ -32,7 +32,6 @@ from tridentify.estimation.closed_loop.between_samples import Loop
 from tridentify.estimation.closed_loop.driven import (
     Driven,
     fitted,
-    laguerre,
     near,
     operators,
     starting,
@@ -92,13 +91,16 @@ def apart_from_noise(loop: Loop, model: TransferFunction, left: Array) -> Driven
         found = None if again is None else _settled(loop, model, given, again)
         return part if found is None else found.part
     most = _most_beside_noise(part.record)
-    first = _Turn.of(widest(part.record, part.rate, part.before, most), given)
+    own = [part] if part.about and part.order <= most else []
+    begun = own or [widest(part.record, part.rate, part.before, most)]
+    first = _Turn.of(begun[0], given)
     if loop.record.dt is None or first is None:
         return beside_noise(part, given)
     found = _settled(loop, model, given, first)
     if found is None:
         return beside_noise(part, given)
-    others = [turn for one in near(part, most) if (turn := _Turn.of(one, found.noise)) is not None]
+    among = [*own, *near(part, most)]
+    others = [turn for one in among if (turn := _Turn.of(one, found.noise)) is not None]
     best = min(others, key=lambda one: one.criterion)
     return (_settled(loop, model, given, best) or found).part
 
@@ -216,14 +218,14 @@ class _Colour:
         pulse[1] = 1.0
         quiet = np.zeros((record.n_samples, record.n_inputs))
         start = Record(quiet, np.zeros_like(record.y), dt=record.dt, reference=pulse)
-        states = operators(starting(start, np.zeros(1)), laguerre(part.rate, order))
+        states = operators(starting(start, np.zeros(1)), part.repeated(order))
         columns = np.hstack([np.ones_like(pulse), pulse, states])
         # every operator by itself through one input after the other
         for j in range(record.n_inputs):
             for k in range(order + 1):
                 weights = np.zeros((order + 2, record.n_inputs + record.n_outputs))
                 weights[1 + k, j] = 1.0
-                alone = Driven(start, laguerre(part.rate, order), np.zeros(1), weights, columns)
+                alone = Driven(start, part.repeated(order), np.zeros(1), weights, columns)
                 responses[:-1, :, k, j] = Loop(alone, loop.sampling).moved_between(model)[1:]
         return cls(np.fft.rfft(responses, length, axis=0), length)
 
@@ -262,5 +264,5 @@ def _of_noise(part: Driven, v: Array) -> Array | None:
     if unknown * SAMPLES_EACH > part.record.n_samples:
         return None
     start = starting(part.record, part.before)
-    own = operators(replace(start, u=v, intersample="zoh"), laguerre(part.rate, order))
+    own = operators(replace(start, u=v, intersample="zoh"), part.repeated(order))
     return np.hstack([v, own])

@@ -66,6 +66,11 @@ class Simulated:
         """Fastest pole of the loop [rad/s]."""
         return float(np.max(np.abs(np.roots(self.transfer.den[0][0]))))
 
+    @property
+    def fastest(self) -> float:
+        """The same, as of operators."""
+        return self.rate
+
     @cached_property
     def inputs(self) -> Array:
         """(n_samples, n_inputs) part of the inputs that the references drive, at the samples."""

@@ -29,6 +29,7 @@ from tridentify.estimation.closed_loop.between_samples import Loop
 from tridentify.estimation.closed_loop.coprime.plant_form import Rows
 from tridentify.estimation.closed_loop.driven import Driven, columns_of, starting
 from tridentify.estimation.closed_loop.linear_errors import ramp
+from tridentify.estimation.closed_loop.own_poles import FASTEST, LEAST_DAMPED, SLOWEST
 from tridentify.estimation.closed_loop.predictor import Plant
 from tridentify.models.regression import response_of
 from tridentify.numerics.arrays import Array, Complex
@@ -40,12 +41,6 @@ TRIALS = 10
 """Of a step that does not lower the errors."""
 STILL = 1e-6
 """Relative fall of the errors that ends the steps."""
-SLOWEST = 0.3
-"""Decay of the loop within the record."""
-FASTEST = 4.0
-"""Rate of the loop times sampling interval: beyond it nothing of a mode is seen."""
-LEAST_DAMPED = 0.1
-"""Of a mode of the loop: with less it is mostly noise at one frequency."""
 TOLD_APART = 1e-7
 """Of columns with unit length, what one must add to the others."""
 

@@ -20,23 +20,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import solve_continuous_lyapunov
 
 from tridentify.estimation.closed_loop.between_samples import Loop
-from tridentify.estimation.closed_loop.coprime.factors import (
-    FASTEST,
-    LEAST_DAMPED,
-    SLOWEST,
-    Factors,
-    Fit,
-)
+from tridentify.estimation.closed_loop.coprime.factors import Factors, Fit
 from tridentify.estimation.closed_loop.coprime.plant_form import Rows, covariance, weighed
 from tridentify.estimation.closed_loop.driven import Driven, driven, widest
 from tridentify.estimation.closed_loop.input_rule import InputRule, input_rule
 from tridentify.estimation.closed_loop.linear_errors import slowest
+from tridentify.estimation.closed_loop.own_poles import FASTEST, LEAST_DAMPED, own_poles
 from tridentify.estimation.closed_loop.predictor import Plant
 from tridentify.numerics.arrays import Array, Complex
-from tridentify.numerics.realization import cascade, sort_poles
+from tridentify.numerics.realization import sort_poles
 
 MOST_POLES = 4
 """Of the controller."""
@@ -302,20 +296,8 @@ def _is_at_limits(loop: Loop) -> bool:
 
 def _reduced(part: Driven, count: int) -> Complex | None:
     """Poles of the description cut off at so many."""
-    record, references = part.record, part.record.n_references
-    signals = np.column_stack([record.u, record.y])
-    left = signals - part.columns @ part.weights
+    record = part.record
+    left = np.column_stack([record.u, record.y]) - part.columns @ part.weights
     levels = np.sqrt(np.mean(left**2, axis=0)) + 1e-300
-    a = np.kron(np.eye(references), cascade(part.poles).a)
-    if count > len(a):
-        return None
-    c = (part.weights[1 + references :] / levels).T
-    gramian = solve_continuous_lyapunov(a.T, -c.T @ c)
-    if not np.isfinite(gramian).all():
-        return None
-    turned = np.linalg.eigh(0.5 * (gramian + gramian.T))[1][:, ::-1][:, :count]
-    poles = np.linalg.eigvals(turned.T @ a @ turned).astype(np.complex128)
-    step = float(record.dt or 1.0)
-    decay = np.clip(-poles.real, 2.0 * SLOWEST / record.duration, 0.5 * FASTEST / step)
-    swing = np.clip(poles.imag, -0.5 * FASTEST / step, 0.5 * FASTEST / step)
-    return sort_poles(-np.maximum(decay, 3.0 * LEAST_DAMPED * np.abs(swing)) + 1j * swing)
+    weights = part.weights[1 + record.n_references :] / levels
+    return own_poles(part.poles, weights, count, record.duration, float(record.dt or 1.0))
