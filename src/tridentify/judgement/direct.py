@@ -34,7 +34,7 @@ from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.causes.attempts.feedback import Inputs, misses
 from tridentify.judgement.causes.attempts.fewer import NO_RESPONSE, foretold
 from tridentify.judgement.causes.attempts.first_samples import beginning
-from tridentify.judgement.causes.attempts.told_apart import laws, told_apart
+from tridentify.judgement.causes.attempts.told_apart import laws
 from tridentify.judgement.causes.past_outputs import Told, told_by_past, told_finding
 from tridentify.judgement.validation.assess import (
     LONGEST_LOOK,
@@ -50,7 +50,6 @@ from tridentify.record.record import Record
 from tridentify.structure import Structure
 
 CODE = "feedback"
-HELD = (CODE, "loop-not-excited")
 
 DECIDES = 2.0
 """Difference from white weights [standard errors] from which the model of the noise decides."""
@@ -122,7 +121,7 @@ def _reacts(estimate: Estimate, records: Sequence[Record]) -> str:
     """What all tests say of an input that reacts; empty for nothing."""
     suspected = may_react_at_all(estimate, records)
     found = looked_at(estimate, records) if suspected else ()
-    return "the input reacts to the output" if any(one.code in HELD for one in found) else ""
+    return "the input reacts to the output" if any(one.code == CODE for one in found) else ""
 
 
 def _held(estimate: Estimate, records: Sequence[Record]) -> str:
@@ -134,14 +133,9 @@ def _held(estimate: Estimate, records: Sequence[Record]) -> str:
     if _at_once(estimate) or not all(one.dt and one.behaviour == "zoh" for one in records):
         return ""
     for law in laws(records):
-        if law.lags is not None and told_apart(law, _most_poles(estimate)):
+        if law.lags is not None:
             return f"a short law of outputs tells {names[law.input]}"
     return ""
-
-
-def _most_poles(estimate: Estimate) -> int:
-    shape = len(estimate.output_names), len(estimate.input_names)
-    return int(np.max(estimate.structure.poles_matrix(*shape)))
 
 
 def _at_once(estimate: Estimate) -> bool:
