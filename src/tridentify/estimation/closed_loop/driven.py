@@ -52,6 +52,9 @@ COARSE = 0.3
 samples counts: standard errors are then a fifth too small and more."""
 MOST_OWN = 8
 """Poles of the loop, as `MOST_FUNCTIONS` has them."""
+STARTS = 3
+"""Laguerre functions of so many rates, from which these are found: of a short record the cheapest
+may be far from them."""
 ROUNDS = 3
 """Of operators and their poles in turn: the third moves them by less than their errors."""
 TOLD_APART = 1e-6
@@ -176,58 +179,70 @@ def driven(record: Record, *, between: bool = False, own: bool = False) -> Drive
     -------
     Driven
     """
-    signals = np.column_stack([record.u, record.y])
     direct = np.asarray(record.reference)
     most = _affordable(record)
-    found: Driven | None = None
-    lowest = np.inf
+    found: list[tuple[float, Driven]] = []
     for before in befores(direct):
         experiment = starting(record, before)
         for rate in _rates(record):
             count = min(most, shown_by_samples(rate * experiment.dt)) if between else most
-            states = operators(experiment, laguerre(rate, count))
-            criterion, order = _cheapest(
-                columns_of(direct, states), signals, direct.shape[1], count
-            )
-            if found is None or criterion < lowest:
-                lowest = criterion
-                columns = columns_of(direct, states[:, _first(order, count, direct.shape[1])])
-                weights = fitted(columns, signals)
-                found = Driven(record, laguerre(rate, order), before, weights, columns)
-    assert found is not None
-    return _by_own_poles(found, lowest, most) if between or own else found
+            found.append(_described(record, before, laguerre(rate, count), 1))
+    found.sort(key=lambda one: one[0])
+    best = found[0]
+    if between or own:
+        begun = [part for _, part in found if np.array_equal(part.before, best[1].before)]
+        for part in begun[:STARTS]:
+            best = min(best, *_by_own_poles(part, most), key=lambda one: one[0])
+    return best[1]
 
 
-def _by_own_poles(part: Driven, lowest: float, most: int) -> Driven:
-    """With the poles of the loop, as often as it pays, where they explain more for their number."""
-    record, references = part.record, part.record.n_references
-    signals, direct = np.column_stack([record.u, record.y]), np.asarray(record.reference)
-    experiment = starting(record, part.before)
-    best = part
+def _described(record: Record, before: Array, poles: Complex, each: int) -> tuple[float, Driven]:
+    """As many of some operators as have the lowest AICc, which stands before them.
+
+    Parameters
+    ----------
+    record : Record
+    before : (n_references,) array
+    poles : (order,) complex array
+    each : int
+        The operators that are taken together.
+    """
+    direct, references = np.asarray(record.reference), record.n_references
+    signals = np.column_stack([record.u, record.y])
+    states = operators(starting(record, before), poles)
+    criterion, order = _cheapest(columns_of(direct, states), signals, references, poles.size, each)
+    columns = columns_of(direct, states[:, _first(order, poles.size, references)])
+    return criterion, Driven(record, poles[:order], before, fitted(columns, signals), columns)
+
+
+def _by_own_poles(part: Driven, most: int) -> list[tuple[float, Driven]]:
+    """With poles of the loop, as often as it pays, and AICc, for every number of them.
+
+    Parameters
+    ----------
+    part : Driven
+        From which the poles are found.
+    most : int
+        Operators.
+    """
+    record = part.record
+    signals, step = np.column_stack([record.u, record.y]), starting(record, part.before).dt
+    found = []
     for count in range(1, min(most, MOST_OWN) + 1):
         current = part
         for _ in range(ROUNDS):
             left = signals - current.columns @ current.weights
             levels = np.sqrt(np.nanmean(left**2, axis=0)) + 1e-300
-            states = current.weights[1 + references :] / levels
-            poles = own_poles(current.poles, states, count, record.duration, experiment.dt)
-            if poles is None:
+            weights = current.weights[1 + record.n_references :] / levels
+            poles = own_poles(current.poles, weights, count, record.duration, step)
+            often = 0 if poles is None else min(most, _shown(poles, step)) // count
+            if poles is None or not often:
                 break
-            often = min(most, _shown(poles, experiment.dt)) // count
-            if not often:
-                break
-            all_states = operators(experiment, np.tile(poles, often))
-            criterion, order = _cheapest(
-                columns_of(direct, all_states), signals, references, often * count, count
-            )
-            columns = columns_of(direct, all_states[:, _first(order, often * count, references)])
-            weights = fitted(columns, signals)
-            poles = np.tile(poles, order // count)
-            current = Driven(record, poles, part.before, weights, columns, about=part.rate)
+            own = np.tile(poles, often)
+            criterion, current = _described(record, part.before, own, count)
             # its poles were fitted, too
-            if criterion + 2.0 * count < lowest:
-                lowest, best = criterion + 2.0 * count, current
-    return best
+            found.append((criterion + 2.0 * count, replace(current, about=part.rate)))
+    return found
 
 
 def _shown(poles: Complex, step: float) -> int:

@@ -212,6 +212,7 @@ class _Colour:
     @classmethod
     def of(cls, loop: Loop, model: TransferFunction, order: int) -> _Colour:
         record, part = loop.record, loop.driven
+        assert isinstance(part, Driven)
         length = 2 * record.n_samples
         responses = np.zeros((record.n_samples, record.n_outputs, order + 1, record.n_inputs))
         pulse = np.zeros((record.n_samples, 1))

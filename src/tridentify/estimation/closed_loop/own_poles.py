@@ -26,7 +26,13 @@ LEAST_DAMPED = 0.1
 
 
 def own_poles(
-    poles: Complex, weights: Array, count: int, duration: float, step: float
+    poles: Complex,
+    weights: Array,
+    count: int,
+    duration: float,
+    step: float,
+    *,
+    least_damped: float = LEAST_DAMPED,
 ) -> Complex | None:
     """Poles of a description that is cut off at so many; None where it has fewer.
 
@@ -40,6 +46,8 @@ def own_poles(
     duration, step : float
         Of the record and of its sampling [s]. What decays more slowly than the former, or faster
         than the latter, is brought back to them.
+    least_damped : float
+        Decay over swing, to which a mode is brought back.
 
     Returns
     -------
@@ -62,4 +70,4 @@ def own_poles(
     found = np.linalg.eigvals(turned.T @ a @ turned).astype(np.complex128)
     decay = np.clip(-found.real, 2.0 * SLOWEST / duration, 0.5 * FASTEST / step)
     swing = np.clip(found.imag, -0.5 * FASTEST / step, 0.5 * FASTEST / step)
-    return sort_poles(-np.maximum(decay, 3.0 * LEAST_DAMPED * np.abs(swing)) + 1j * swing)
+    return sort_poles(-np.maximum(decay, least_damped * np.abs(swing)) + 1j * swing)

@@ -300,4 +300,6 @@ def _reduced(part: Driven, count: int) -> Complex | None:
     left = np.column_stack([record.u, record.y]) - part.columns @ part.weights
     levels = np.sqrt(np.mean(left**2, axis=0)) + 1e-300
     weights = part.weights[1 + record.n_references :] / levels
-    return own_poles(part.poles, weights, count, record.duration, float(record.dt or 1.0))
+    step = float(record.dt or 1.0)
+    begun = 3.0 * LEAST_DAMPED
+    return own_poles(part.poles, weights, count, record.duration, step, least_damped=begun)
