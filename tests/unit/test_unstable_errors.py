@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from oracles import sampled_loop
 from tridentify import Record
+from tridentify.estimation.closed_loop import unstable
 from tridentify.estimation.closed_loop.between_samples import Loop
 from tridentify.estimation.closed_loop.driven import driven
 from tridentify.estimation.closed_loop.linear_errors import linear_errors
@@ -56,3 +58,22 @@ def test_errors_are_those_of_the_record():
     np.testing.assert_allclose(np.sqrt(np.diag(found.cov)), np.sqrt(np.diag(cov)), rtol=0.03)
     alone = np.sqrt(found.variance * np.diag(np.linalg.inv(z.T @ z)))
     assert np.max(np.abs(np.sqrt(np.diag(found.cov)) / alone - 1.0)) > 0.1
+
+
+def test_a_plant_beyond_the_most_growth_is_no_root(monkeypatch: pytest.MonkeyPatch):
+    """Beyond rounding the errors are zero whatever the plant is; here a tenth in an interval."""
+    loops, found = found_of(102)
+    assert found.still
+    assert found.amplification < 1.2
+    monkeypatch.setattr(unstable, "MOST_GROWTH", 1.01)
+    beyond = root(loops, [found.plant], None, silent)
+    assert not beyond.still
+
+
+@pytest.mark.filterwarnings("error")
+def test_without_noise_its_likelihood_has_no_bound():
+    plant, none = Plant(TRUTH[:2], (TRUTH[2:],)), np.zeros(0)
+    found = unstable.Found(
+        plant, np.eye(3), (np.zeros(9),), none, 0.0, np.inf, (none,), 5, 1.0, 1, 0.0
+    )
+    assert found.deviance == -np.inf

@@ -56,6 +56,9 @@ they stay: the driven part of the errors is zero at the plant whatever they are,
 at zero they have no derivative."""
 HALVINGS = 8
 """Of a step that does not lower the driven error: 1/256 of it is none."""
+MOST_GROWTH = 1.0 / float(np.finfo(float).eps)
+"""Of a plant in a sampling interval, up to which its predictor's errors are more than rounding:
+beyond it they are zero at whatever it is, and an end there is no root."""
 MOST_NOISE_ROUNDS = 4
 """Fits of the noise model and of the coefficients in turn."""
 
@@ -112,8 +115,10 @@ class Found:
     def deviance(self) -> float:
         """Minus two log likelihood of the noise of the output, with AICc's price of its model."""
         seen = float(sum(np.isfinite(one).sum() for one in self.errors))
-        least = self.variance * self.freedom / seen / self.amplification**2
-        return seen * float(np.log(least)) + aicc_price(self.noise.size + 1.0, seen)
+        with np.errstate(divide="ignore"):  # there may be no noise
+            level = float(np.log(self.variance * self.freedom / seen))
+        least = level - 2.0 * float(np.log(self.amplification))
+        return seen * least + aicc_price(self.noise.size + 1.0, seen)
 
 
 def root(
@@ -176,6 +181,8 @@ def root(
             whitened = _descended(loops, found.plant, start, driven_basis(loops, noise), fed_back)
         except np.linalg.LinAlgError:  # beyond all bounds
             whitened = None
+        if whitened is not None and not whitened.amplification < MOST_GROWTH:
+            return whitened
         if whitened is None or not whitened.still:
             return found if found.noise.size else _in_coloured_noise(loops, found, noise)
         found = whitened
@@ -331,9 +338,16 @@ def _descended(
             moved = np.inf
             break
         plant, linear, before, last = following, new, whole / size, share
-        if moved <= STILL:
+        if moved <= STILL or not _growth(loops, plant, fed_back) < MOST_GROWTH:
             break
-    return _found(loops, plant, linear, (steps, moved), fed_back, held)
+    found = _found(loops, plant, linear, (steps, moved), fed_back, held)
+    return found if found.amplification < MOST_GROWTH else replace(found, moved=np.inf)
+
+
+def _growth(loops: Sequence[Loop], plant: Plant, fed_back: bool) -> float:
+    """Of the output's noise in a predictor's errors: what the plant grows by in an interval."""
+    step = float(loops[0].record.dt or 0.0)
+    return Predictor(plant, step, slowest(loops), fed_back).amplification
 
 
 def _turning(change: Array, before: Array, share: float) -> float:
@@ -375,14 +389,13 @@ def _found(
     whole = plain.errors - plain.rest @ change[n:]
     errors = np.split(whole, np.cumsum([loop.record.n_samples for loop in loops])[:-1])
     seen = [observed(loop) for loop in loops]
-    step = float(loops[0].record.dt or 0.0)
     return Found(
         plant,
         variance * inverse @ inverse.T,
         tuple(np.where(s, e, np.nan) for s, e in zip(seen, errors, strict=True)),
         noise,
         variance,
-        Predictor(plant, step, slowest(loops), fed_back).amplification,
+        _growth(loops, plant, fed_back),
         tuple(rest),
         freedom,
         float(np.linalg.cond(columns)),

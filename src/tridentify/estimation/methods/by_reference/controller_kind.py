@@ -55,6 +55,12 @@ DRIVEN = 10.0
 it: sines do 67 and more (101 random loops), three in four references that drive nothing less."""
 MISSED = 1e-3
 """Probability of taking noise for what is left of the response."""
+_MISSING: dict[InputRule, Literal["", "note", "warning"]] = {
+    InputRule.NONE: "warning",
+    InputRule.UNSEEN: "note",
+}
+"""A sampled controller without a rule: continuous then, or its input was measured with noise; or it
+is not linear, or reads what is not recorded, which is no evidence."""
 
 
 def check_controller(controller: object) -> None:
@@ -86,12 +92,23 @@ class Assumed:
         What shows it, to be told behind the kind; empty where nothing does.
     even : bool
         Whether the other kind is as likely for all that is known.
+    against : str
+        What the input shows against a kind that was stated; empty where nothing does.
+    missing : {"", "note", "warning"}
+        How much it matters that the input lacks what it mostly shows of a kind that was stated.
     """
 
     sampling: Sampling
     certain: bool
     why: str = ""
     even: bool = False
+    against: str = ""
+    missing: Literal["", "note", "warning"] = ""
+
+    @property
+    def stated(self) -> bool:
+        """Whether somebody says so, and not the input."""
+        return self.certain and not self.why
 
 
 def assumed(controller: Controller, records: Sequence[Record], structure: Structure) -> Assumed:
@@ -104,10 +121,14 @@ def assumed(controller: Controller, records: Sequence[Record], structure: Struct
     structure : Structure
         Of the plant.
     """
-    if controller != "unknown":
-        stated = "continuous" if isinstance(controller, TransferFunction) else controller
-        return Assumed(stated, True)
+    if isinstance(controller, TransferFunction):
+        return Assumed("continuous", True)
     rule = input_rule(records, int(np.max(np.asarray(structure.poles))))
+    if controller == "continuous":
+        on_samples = rule in (InputRule.SAMPLED, InputRule.HELD)
+        return Assumed(controller, True, against=rule.value if on_samples else "")
+    if controller == "sampled":
+        return Assumed(controller, True, missing=_MISSING.get(rule, ""))
     if rule in (InputRule.SAMPLED, InputRule.HELD):
         return Assumed("sampled", True, f": {rule.value}")
     held = all(record.behaviour == "zoh" for record in records)

@@ -95,6 +95,10 @@ from tridentify.estimation.methods.by_reference.returned_errors import (
     moves_between,
     with_returned_errors,
 )
+from tridentify.estimation.methods.by_reference.stated_kind import (
+    findings_as_stated,
+    not_stable_as_stated,
+)
 from tridentify.numerics.arrays import Array
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
@@ -167,6 +171,9 @@ def reference_estimate(
         unstable = unstable_estimate(parts, kind, asked, coloured is not None, say)
         if unstable is not None and not taken.certain:
             unstable = of_either_kind(unstable, taken, asked, coloured is not None, say)
+        elif unstable is not None:
+            beside = taken, asked, coloured is not None, say
+            unstable = not_stable_as_stated(unstable, parts, *beside)
         if unstable is not None:
             again = partial(reference_estimate, asked, controller, plain, near, coloured, say)
             return _or_stable(unstable, partial(again, robust=robust, only_stable=True))
@@ -189,6 +196,7 @@ def reference_estimate(
     if not taken.certain:
         found, told, findings, moved = _either(found, taken, asked.structure, near, say)
     findings = (*following_findings(found), *findings)
+    findings += findings_as_stated(found, taken, partial(_other, found, asked.structure, near, say))
     if coloured is not None:
         found = _with_noise_model(found, asked.structure, coloured, say)
     found, wider = with_returned_errors(found)
