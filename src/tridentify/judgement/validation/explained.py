@@ -49,6 +49,9 @@ HEADLINES = {
 }
 """Code of a cause that can be fitted -> what it is called."""
 
+SEVERAL = ("coefficients", "outputs", "inputs", "clocks")
+"""First words of causes that are more than one thing."""
+
 SPOILS = ("lost-rows", "channel-changes", "intersample", "delay")
 """Causes with which the numbers are wrong, not only less sure."""
 
@@ -263,7 +266,8 @@ def finding_of(
     rival = found.rival
     if rival.code == "order-low":
         return _order_low(found, explained, estimate, outputs, where)
-    verb = "explain" if rival.code == "lost-rows" else "explains"
+    several = rival.code == "lost-rows" or rival.what.startswith(SEVERAL)
+    verb = "explain" if several else "explains"
     message = (
         f"{where}: {rival.headline or HEADLINES[rival.code]}. {TRIED}, {rival.what} {verb} it best."
     )
