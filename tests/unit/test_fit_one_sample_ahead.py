@@ -42,14 +42,14 @@ def test_a_low_fit_is_told_beside_what_is_foreseen_one_sample_ahead() -> None:
 
 
 def test_nothing_is_said_of_a_fit_that_is_not_low_nor_of_two_outputs() -> None:
-    record, _ = slow_noise(1, 0.02)
+    record, _ = slow_noise(1, 0.02, 200)
     estimate = fitted(record)
     assert float(estimate.fit[0]) > LOW
     assert _ahead(estimate, [record]) == ""
-    loud, _ = slow_noise(2, 0.4)
+    loud, _ = slow_noise(2, 0.4, 200)
     two = Record(loud.u, np.hstack([loud.y, loud.y[::-1]]), dt=0.1)
     assert _ahead(identify(two, Structure(1, 0), ThreeModel(noise="ar")), [two]) == ""
     # uneven time has no sample ahead
-    uneven = Record(loud.u, loud.y, t=0.1 * np.arange(600) + 0.03 * np.sin(np.arange(600.0)))
+    uneven = Record(loud.u, loud.y, t=0.1 * np.arange(200) + 0.03 * np.sin(np.arange(200.0)))
     white = identify(uneven, Structure(1, 0))
     assert _ahead(replace(white, fit=np.array([10.0])), [uneven]) == ""

@@ -42,14 +42,13 @@ def is_named(record: Record) -> bool:
 
 @pytest.mark.judged
 def test_a_mean_that_is_logged_at_its_end_is_named_and_the_advice_puts_it_right() -> None:
-    record = logged(1, "mean")
-    first = first_of(record)
-    assert first is not None
+    record = logged(1, "mean", n=300)
+    before = identify(record, ORDER, throw=False)
+    first = next(one for one in before.findings if one.matters)
     assert (first.code, first.kind, first.severity) == ("intersample", "late-log", "error")
     assert "logged at the end of the interval" in first.message
     assert "Record(u[1:], y[:-1]" in first.remedy
     assert "fit of y from" in first.effect
-    before = identify(record, ORDER, throw=False)
     after = identify(Record(record.u[1:], record.y[:-1], dt=STEP), ORDER)
     off = np.abs(after.theta - TRUE)
     assert np.all(off < 4.0 * after.std)
