@@ -22,10 +22,10 @@ def record(seed: int, n: int, late: int, direct: bool) -> Record:
     return Record(u, y + 0.1 * np.std(y) * rng.standard_normal(n), dt=1 / RATE)
 
 
-def rows(seen: Record) -> list[SelectionRow]:
+def rows(seen: Record, orders: tuple[int, ...] = (1, 2)) -> list[SelectionRow]:
     """Candidates that know of no delay."""
     found = []
-    for n in (1, 2):
+    for n in orders:
         asked = Structure(n, n - 1)
         one = identify(seen, asked, throw=False)
         found.append(SelectionRow(asked, one, fit=one.fit, n_coefficients=2 * n, ok=one.status.ok))
@@ -33,6 +33,7 @@ def rows(seen: Record) -> list[SelectionRow]:
 
 
 @pytest.mark.slow
+@pytest.mark.judged
 def test_it_is_tried_with_its_delay_where_nothing_explains_the_record() -> None:
     seen = record(1, 400, 14, direct=True)
     found = direct_and_delayed(rows(seen), 1, [seen])
@@ -41,12 +42,17 @@ def test_it_is_tried_with_its_delay_where_nothing_explains_the_record() -> None:
     assert [one.delay for one in found] == pytest.approx([14 / RATE] * 2)
 
 
+@pytest.mark.judged
 def test_a_delay_alone_is_none() -> None:
-    seen = record(2, 400, 9, direct=False)
-    assert direct_and_delayed(rows(seen), 1, [seen]) == []
+    seen = record(2, 300, 9, direct=False)
+    alone = rows(seen, (2,))
+    assert alone[0].estimate is not None
+    assert any(one.matters for one in alone[0].estimate.findings)
+    assert direct_and_delayed(alone, 0, [seen]) == []
 
 
 @pytest.mark.slow
+@pytest.mark.judged
 @pytest.mark.timeout(900)
 def test_it_is_recommended() -> None:
     right = 0

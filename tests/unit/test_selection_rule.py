@@ -73,6 +73,8 @@ def test_unknown_poles_are_no_reason_for_more_of_them():
     assert choose(rows) == 0
     # nor for other ones with more unknowns
     assert choose([contender(6, 10.0, 4, known=False), contender(7, 10.0, 3)]) == 0
+    # nor for one with as many: a zero less and a pole more is no simpler candidate
+    assert choose([contender(6, 10.0, 2, known=False), contender(6, 14.0, 3)]) == 0
 
 
 def test_the_order_of_the_rows_does_not_matter():

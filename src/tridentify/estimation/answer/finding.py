@@ -74,6 +74,7 @@ KINDS: Mapping[str, str] = MappingProxyType(
         "gain": "of disagreeing-experiments, another-system: a channel has another gain",
         "late": "of disagreeing-experiments: an experiment is late, or early",
         "repeated": "of intersample: an input recorded slower than the outputs, and repeated",
+        "late-log": "of intersample: an input logged at the end of the interval in which it acted",
         "between": "of intersample: an input that is held moves between the samples",
         "scale": "of channel-changes: a gain, a unit or a sign, and not a level",
         "alone": "of intersample: compared with the present behaviour, beside no other cause",

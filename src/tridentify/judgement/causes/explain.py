@@ -51,7 +51,12 @@ from tridentify.judgement.causes.system.slow import slow_rivals
 from tridentify.judgement.causes.timing.both import both_rivals
 from tridentify.judgement.causes.timing.clocks import clock_rivals
 from tridentify.judgement.causes.timing.delay import delay_rivals, is_later, neighbours, shifted
-from tridentify.judgement.causes.timing.shifts import early_rivals, wandering_rivals
+from tridentify.judgement.causes.timing.shifts import (
+    LATE_LOG,
+    early_rivals,
+    late_log_rivals,
+    wandering_rivals,
+)
 from tridentify.judgement.causes.timing.slow_input import slow_input_rivals
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import fit_autoregression
@@ -117,6 +122,8 @@ def explain(
         found += fitted(tried, base)
     if only in ("", "nonlinear"):
         found += fitted(backlash_rivals(settled, response), base)
+    if only in ("", "intersample"):
+        found += fitted(late_log_rivals(settled), base)
     found += _sharper(found, settled, base)
     found += [] if only else _together(found, settled, base)
     found += _late_again(found, settled, base)
@@ -229,7 +236,8 @@ def _together(found: Sequence[Explanation], present: Present, base: Attempt) -> 
     behaviours = tuple(
         one.rival
         for one in found
-        if one.rival.code == "intersample" and one.rival.parts[0].records[0].n_inputs == n
+        if one.rival.code == "intersample" and one.rival.kind != LATE_LOG
+        if one.rival.parts[0].records[0].n_inputs == n
     )
     both = fitted(both_rivals(present, behaviours), base)
     best = [

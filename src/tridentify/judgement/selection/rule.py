@@ -13,9 +13,9 @@ candidate with more unknowns lowers ``-2 log L`` by more than
 
 for ``d`` more unknowns, ``k`` in all: the price of BIC (Schwarz 1978) with the factor of an F test
 where ``N`` is small. Of the adequate candidates the one with the fewest unknowns is the
-*likeliest*; where the record hardly determines its poles, another one with as many poles or
-unknowns stands in for it, but none with more of both: that poles are hardly determined is no
-argument for more of them. It is to be believed if it
+*likeliest*; where the record hardly determines its coefficients, another one with as many poles, or
+as many unknowns and fewer poles, stands in for it: that something is hardly determined is no
+argument for more poles. It is to be believed if it
 *explains* the record: it is sound and its residual does not follow the input. That a pole and a
 zero cancel within their errors is no objection where the likelihood refutes it (`refuted`), and
 that coefficients are badly known is none where larger candidates explain no more (`levels_off`).
@@ -149,9 +149,9 @@ def choose(rows: Sequence[Contender]) -> int | None:
 
 
 def _is_alike(one: Contender, first: Contender) -> bool:
-    """Whether one has as many poles or as many unknowns as the other."""
+    """Whether one has as many poles as the other, or as many unknowns and fewer poles."""
     as_many = one.criteria.n_unknowns == first.criteria.n_unknowns
-    return as_many or one.n_poles == first.n_poles
+    return one.n_poles == first.n_poles or (as_many and one.n_poles < first.n_poles)
 
 
 def refuted(rows: Sequence[Contender], orders: Sequence[tuple[int, int] | None]) -> list[bool]:

@@ -25,6 +25,7 @@ from tridentify.judgement.causes.attempts.present import Present
 from tridentify.judgement.causes.attempts.rivals import Rival
 from tridentify.judgement.causes.explain import explain, moved, settle
 from tridentify.judgement.causes.sensors.lost import Place
+from tridentify.judgement.causes.timing.shifts import LATE_LOG
 from tridentify.judgement.validation.residuals import View
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
@@ -47,6 +48,9 @@ HEADLINES = {
     "order-low": "the order is too low",
 }
 """Code of a cause that can be fitted -> what it is called."""
+
+SEVERAL = ("coefficients", "outputs", "inputs", "clocks")
+"""First words of causes that are more than one thing."""
 
 SPOILS = ("lost-rows", "channel-changes", "intersample", "delay")
 """Causes with which the numbers are wrong, not only less sure."""
@@ -262,7 +266,8 @@ def finding_of(
     rival = found.rival
     if rival.code == "order-low":
         return _order_low(found, explained, estimate, outputs, where)
-    verb = "explain" if rival.code == "lost-rows" else "explains"
+    several = rival.code == "lost-rows" or rival.what.startswith(SEVERAL)
+    verb = "explain" if several else "explains"
     message = (
         f"{where}: {rival.headline or HEADLINES[rival.code]}. {TRIED}, {rival.what} {verb} it best."
     )
@@ -369,11 +374,11 @@ def of_sampling(found: Explanation) -> bool:
 
 
 def _not_told_from(found: Explanation, explained: Explanations) -> str:
-    """Another bend, or a delay with another behaviour, that explains as much; empty for none."""
-    bends = found.rival.code == "nonlinear"
-    if not (bends or found.rival.code == "delay"):
+    """Another bend, a delay with another behaviour, or a direct part, that explains as much."""
+    bends, early = found.rival.code == "nonlinear", found.rival.kind == LATE_LOG
+    if not (bends or early or found.rival.code == "delay"):
         return ""
-    others = ("nonlinear", "saturation") if bends else ("intersample",)
+    others = ("nonlinear", "saturation") if bends else ("order-low" if early else "intersample",)
     least = found.gain - CLEARLY if not bends else min(found.gain - CLEARLY, NEARLY * found.gain)
     near = [
         one

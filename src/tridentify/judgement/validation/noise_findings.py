@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.answer.finding import Finding
 from tridentify.judgement.causes.system.slow import HALVES, MOSTLY_SLOW, slow_share
 from tridentify.judgement.validation.known_causes import KnownCauses
@@ -140,7 +141,7 @@ def carried_findings(
                 one_finding(
                     "noise-size",
                     output.name,
-                    f"the residual of {output.name} is {transfer.size_ratio[i]:.2f} times as "
+                    f"the residual of {output.name} is {_times(transfer.size_ratio[i])} times as "
                     f"large as the estimate leads to expect: {why}",
                     advice,
                     "note",
@@ -149,10 +150,23 @@ def carried_findings(
     return found
 
 
+def _times(ratio: float) -> str:
+    """A ratio to two decimals, or to two digits where it is very small or large.
+
+    Examples
+    --------
+    >>> _times(1.234), _times(0.00321), _times(4321.0)
+    ('1.23', '0.0032', '4300')
+    """
+    return f"{ratio:.2f}" if 0.1 <= ratio < 100.0 else f"{float(f'{ratio:.2g}'):.10g}"
+
+
 def not_white(view: View, one: Evidence, name: str, beside: KnownCauses) -> Finding:
     """A residual that is correlated with itself, and whether the errors that are stated know it."""
     modelled = _has_noise(view, name)
     noise = "the noise model does not fit" if modelled else "the noise is not white"
+    if view.own and not modelled and beside.estimate.trace.about(DecisionKind.NOISE_WHITE):
+        noise += ", by more tests than the one that it passed when it was taken as white"
     seen = f"the residual of {name} is correlated with itself at {_reach(view, one)}: {noise}"
     if not view.own and (slow := _slowest(view, name)) > MOSTLY_SLOW:
         text = (

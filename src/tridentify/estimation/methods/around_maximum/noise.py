@@ -62,7 +62,7 @@ SLOW_MODE = 10.0
 over the record."""
 PASSED = DecisionKind.NOISE_WHITE.told(": the residual passes the portmanteau test")
 FOLLOWED = DecisionKind.NOISE_TAKEN_AS_WHITE.told(
-    ": the residual is not, but most of it follows the input"
+    ": the residual is not white, but most of it follows the input"
 )
 NO_MINIMUM = DecisionKind.NOISE_TAKEN_AS_WHITE.told(
     ": on whitened samples there was no usable minimum"

@@ -136,6 +136,7 @@ class Explanations:
             and not self._is_shared(one)
             and not self._is_a_bend(one)
             and not self._is_needless(one)
+            and not self._is_no_late_log(one)
         ]
         clear = self._without_exact(clear)
         if not clear or clear[0].rival.exact:
@@ -237,6 +238,20 @@ class Explanations:
         codes = ("intersample", "delay")
         singles = [e.gain for e in self.found if e.rival.code in codes and e.rival.changes < 2]
         return one.gain < max(singles, default=0.0) + clear_fall(int(self.present.count), held)
+
+    def _is_no_late_log(self, one: Explanation) -> bool:
+        """Whether inputs seem logged late where another behaviour, or more freedom, does as well.
+
+        A direct part, which follows the input at once, explains most of it too, with an unknown
+        more: it is the cause where it explains clearly more.
+        """
+        if one.rival.kind != "late-log":
+            return False
+        others = [other for other in self.found if other is not one]
+        loose = max((e.gain for e in others if e.rival.code in FOLLOW), default=0.0)
+        plain = [e for e in others if e.rival.code == "intersample" and e.rival.changes < 2]
+        plainer = max((e.gain for e in plain), default=0.0)
+        return one.gain < max(min(AS_MUCH * loose, loose - CLEARLY), plainer + CLEARLY)
 
     def _is_shared(self, one: Explanation) -> bool:
         """Whether rows seem lost where something else explains much of the same."""

@@ -17,7 +17,7 @@ import numpy as np
 
 from tridentify.errors import TridentifyError
 from tridentify.judgement.causes.attempts.attempt import Attempt, attempt, promise
-from tridentify.judgement.causes.attempts.intersample import is_staircase
+from tridentify.judgement.causes.attempts.intersample import IN_WORDS, is_staircase
 from tridentify.judgement.causes.attempts.present import Present
 from tridentify.judgement.causes.attempts.rivals import LONG_ENOUGH, Rival, one
 from tridentify.judgement.causes.timing.delay import FEW_STEPS
@@ -28,6 +28,9 @@ from tridentify.record.record import Record
 
 EARLIEST = 5
 """Samples by which an output may come before its input; a shift of more is seen in a plot."""
+
+LATE_LOG = "late-log"
+"""Kind of what says so of inputs that are held."""
 
 HALF = 0.5
 """Samples between the shifts that are tried."""
@@ -124,6 +127,31 @@ def early_rivals(present: Present) -> Iterator[Rival]:
         exact=True,
         headline="an output comes before its input",
     )
+
+
+def late_log_rivals(present: Present) -> Iterator[Rival]:
+    """All inputs held from one sample earlier on: logged at the end of the interval they acted in.
+
+    A logger that averages writes the mean over the interval that ends; held over that interval it
+    moves the system as what was averaged did, but for what is faster than the samples. A command
+    that is read back after it acted comes as late.
+    """
+    if any(record.dt is None for record in present.records) or not np.all(present.delay == 0.0):
+        return
+    now = present.records[0].behaviour
+    held = replace(present, records=tuple(one.between("zoh") for one in present.records))
+    what = (
+        "inputs that were logged at the end of the interval in which they acted (the mean over it, "
+        "or a held value one sample late)"
+    )
+    if now != "zoh":
+        what += f", where they are taken as {IN_WORDS[now]}"
+    advice = (
+        "Pair every output with the input one sample later, and have that held "
+        "(Record(u[1:], y[:-1], ..., intersample='zoh'))."
+    )
+    found = one("intersample", _earlier(held, 1.0), what, advice)
+    yield replace(found, headline="an input is logged after it acted", kind=LATE_LOG)
 
 
 def _earlier(present: Present, shift: float) -> Present:
