@@ -173,6 +173,9 @@ class Explanations:
         halves = max((one.gain for one in others if one.rival.code == "varying"), default=0.0)
         known = (*FOLLOW, "varying")
         strict = max((one.gain for one in others if one.rival.code not in known), default=0.0)
+        if exact is not None and exact.rival.as_lags:
+            own = (one.gain for one in others if one.rival.code == "order-low")
+            strict = max(strict, max(own, default=0.0))
         least = max(AS_MUCH * loose, halves, strict / NEARLY, strict + CLEARLY)
         return [exact] if exact is not None and exact.gain > least else others
 
