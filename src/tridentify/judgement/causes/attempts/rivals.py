@@ -368,6 +368,7 @@ def lag_rivals(present: Present) -> Iterator[Rival]:
             yield replace(
                 rival,
                 what=f"{rival.what} beside a shorter delay",
+                advice=rival.advice.replace(", or", " (the delay estimated again), or", 1),
                 price=2.0 * float(np.log(len(SHORTER))),
             )
 
