@@ -183,6 +183,20 @@ def test_values_of_a_counter_that_meet_by_chance_are_no_repeats(again):
     assert words == ({"repeat the one before"} if again else set()), lines
 
 
+@pytest.mark.parametrize(("at", "severity"), [([221, 341], "note"), ([271, 401], "warning")])
+def test_far_samples_where_the_input_moves_are_not_called_bad(at, severity):
+    rng = np.random.default_rng(4)
+    u = np.repeat([0.0, 1.0, 0.0, 1.0, 0.0], 120)[20:]
+    y = by_modes(np.array([160.0]), np.array([1.0, 160.0]), u, 1e-3)
+    y += 0.004 * rng.standard_normal(u.size)
+    assert np.flatnonzero(np.diff(u)).tolist() == [99, 219, 339, 459]
+    y[at] += 0.06
+    estimate = identify(Record(u, y, dt=1e-3), Structure(1, 0), METHOD)
+    (found,) = [one for one in estimate.findings if one.code == "bad-samples"]
+    assert found.severity == severity
+    assert ("where an input moves" in found.message) == (severity == "note")
+
+
 @pytest.mark.parametrize(
     "factor",
     [2, *(pytest.param(k, marks=pytest.mark.slow) for k in (3, 5, 8))],

@@ -337,7 +337,10 @@ def drift_tried(explained: Explanations | None, estimate: Estimate) -> tuple[str
     if best is None or explained is None:
         return RECORD_IT, ""
     if not best.is_clear:
-        return RECORD_IT, f"{best.rival.what[0].upper()}{best.rival.what[1:]} does not stand for it."
+        return (
+            RECORD_IT,
+            f"{best.rival.what[0].upper()}{best.rival.what[1:]} does not stand for it.",
+        )
     brings = _effect(best, explained, estimate)
     what = best.rival.what
     return best.rival.advice, f"With {what}{brings.removeprefix('With it')}"
