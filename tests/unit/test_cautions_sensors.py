@@ -164,6 +164,39 @@ def test_repeated_rows_are_counted():
     assert any(line.startswith("7 samples of y") for line in lines)
 
 
+def counted_speed(seed, again=0):
+    """A motor on a few plateaus, of a counter whose step the file rounds to five digits."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.choice([2.0, 2.5, 4.2, 5.0, 6.3, 7.0, 8.0], size=12), 97)
+    y = by_modes(np.array([360.0]), np.array([1.0, 12.0]), u, 0.01)
+    y = 0.0503 * np.round((y + rng.uniform(-5.0, 5.0, u.size)) / 0.0503)
+    y = np.array([float(f"{value:.5g}") for value in y])
+    if again:
+        where = 2 * rng.choice(u.size // 2 - 1, again, replace=False) + 1
+        y[where] = y[where - 1]
+    return Record(u, y, dt=0.01)
+
+
+@pytest.mark.parametrize("again", [0, 60])
+def test_values_of_a_counter_that_meet_by_chance_are_no_repeats(again):
+    words, lines = said(counted_speed(1, again), Structure(1, 0))
+    assert words == ({"repeat the one before"} if again else set()), lines
+
+
+@pytest.mark.parametrize(("at", "severity"), [([221, 341], "note"), ([271, 401], "warning")])
+def test_far_samples_where_the_input_moves_are_not_called_bad(at, severity):
+    rng = np.random.default_rng(4)
+    u = np.repeat([0.0, 1.0, 0.0, 1.0, 0.0], 120)[20:]
+    y = by_modes(np.array([160.0]), np.array([1.0, 160.0]), u, 1e-3)
+    y += 0.004 * rng.standard_normal(u.size)
+    assert np.flatnonzero(np.diff(u)).tolist() == [99, 219, 339, 459]
+    y[at] += 0.06
+    estimate = identify(Record(u, y, dt=1e-3), Structure(1, 0), METHOD)
+    (found,) = [one for one in estimate.findings if one.code == "bad-samples"]
+    assert found.severity == severity
+    assert ("where an input moves" in found.message) == (severity == "note")
+
+
 @pytest.mark.parametrize(
     "factor",
     [2, *(pytest.param(k, marks=pytest.mark.slow) for k in (3, 5, 8))],

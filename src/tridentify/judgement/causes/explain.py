@@ -31,6 +31,7 @@ from tridentify.judgement.causes.attempts.rivals import (
     DISAGREEING,
     Rival,
     drift_rivals,
+    lag_rivals,
     nonlinear_rivals,
     one,
     order_rivals,
@@ -124,6 +125,8 @@ def explain(
         found += fitted(backlash_rivals(settled, response), base)
     if only in ("", "intersample"):
         found += fitted(late_log_rivals(settled), base)
+    if only == "" and "delay" in skip and "order-low" not in skip:
+        found += fitted(_followed(list(lag_rivals(settled))), base)
     found += _sharper(found, settled, base)
     found += [] if only else _together(found, settled, base)
     found += _late_again(found, settled, base)

@@ -19,7 +19,9 @@ import numpy as np
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
 from tridentify.judgement.causes.attempts.first_samples import Predictions, beginning
+from tridentify.judgement.validation.phrases import AT_MOVES, LOOK_THERE
 from tridentify.judgement.validation.statistics.distribution import (
+    at_moves,
     is_shock,
     largest_by_chance,
     scale_of,
@@ -101,15 +103,18 @@ def outlier_findings(
         if math.sqrt(float(estimate.noise_variance[i])) > ROUNDING * size:
             many = f"{count} samples of {name} lie" if count > 1 else f"A sample of {name} lies"
             times = [float(records[e].t[k]) for e, k in places]
+            moves = at_moves(records, places)
             found.append(
                 Finding(
                     "bad-samples",
-                    "warning",
+                    "note" if moves else "warning",
                     f"{many} farther from the model than Gaussian noise explains (up to "
                     f"{farthest:.0f} standard deviations of the others; "
-                    f"{_at(places, times, len(records))}). "
-                    "Least squares follows such outliers.",
-                    "Fit with a robust loss (--loss huber or student, in Python "
+                    f"{_at(places, times, len(records))}"
+                    + (f"), {AT_MOVES}." if moves else "). Least squares follows such outliers."),
+                    LOOK_THERE
+                    if moves
+                    else "Fit with a robust loss (--loss huber or student, in Python "
                     "ThreeModel(loss='huber')), or mark them as missing (nan).",
                     (name,),
                     places[0][0] if len({e for e, _ in places}) == 1 < len(records) else None,

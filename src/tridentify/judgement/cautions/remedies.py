@@ -28,7 +28,7 @@ from tridentify.judgement.causes.attempts.revisit import (
     without_outliers,
 )
 from tridentify.judgement.cautions.sensors import stuck_samples
-from tridentify.judgement.validation.explained import NOTHING_MOVES, most_moved
+from tridentify.judgement.validation.explained import NOTHING_MOVES, RECORD_IT, most_moved
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.record.record import Record
 
@@ -152,7 +152,7 @@ def with_drift_tried(
         remedy = "Estimate a drift along (drift=True, --drift yes)."
         effect = f"With a drift: AICc lower by {gain:.3g}, {what}."
     else:
-        remedy = ""
+        remedy = RECORD_IT
         which = f"higher by {-gain:.2g}" if gain < 0 else f"lower by {gain:.2g} alone"
         effect = f"A straight drift does not stand for it: with one, AICc is {which}, {what}."
     return [

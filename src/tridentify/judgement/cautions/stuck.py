@@ -56,6 +56,10 @@ FEWEST_REPEATS = 3
 """Repeated values below which they are chance."""
 MOST_REPEATS = 0.1
 """Share of all runs that repeated values must be."""
+ELSEWHERE = range(3, 19)
+"""Distances [samples] at which equal samples are met by chance."""
+BEYOND_CHANCE = 4.0
+"""Times the scatter of their number by which neighbours have to be equal more often."""
 MOSTLY = 0.8
 """Share of the samples, or of the runs, that make repeating the rule: a slow sensor."""
 STATIC = 1e-6
@@ -301,7 +305,7 @@ def repeating(y: Array, u: Array, q: float, f: Array, repeated: Runs, name: str)
     count, lost = int(own.sum()), int((repeated.length[own] - 1).sum())
     if count < FEWEST_REPEATS or count < MOST_REPEATS * repeated.length.size:
         return None
-    if _is_static(u, repeated, own):
+    if _is_static(u, repeated, own) or (repeated.length[own].max() == 2 and _meet(y, count)):
         return None
     lengths = repeated.length[own]
     first = int(repeated.first[own][0])
@@ -335,6 +339,17 @@ def repeating(y: Array, u: Array, q: float, f: Array, repeated: Runs, name: str)
         again,
         repeats,
     )
+
+
+def _meet(y: Array, count: int) -> bool:
+    """Whether samples farther apart are equal as often as neighbours are.
+
+    Noise about a few levels meets a value of a fine converter again at any distance; rows that are
+    stored twice, or a slow sensor, are equal to their neighbours alone.
+    """
+    apart = np.array([np.count_nonzero(y[m:] == y[:-m]) for m in ELSEWHERE if m < y.size])
+    usual = float(apart.mean()) if apart.size else 0.0
+    return count < usual + BEYOND_CHANCE * math.sqrt(usual + 1.0)
 
 
 def _slow(usual: int, regular: bool, lengths: Ints, name: str) -> Seen:

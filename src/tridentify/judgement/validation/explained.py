@@ -93,6 +93,12 @@ NOISE_MODEL = (
 )
 """What to do about a slow disturbance where the noise has no model."""
 
+RECORD_IT = (
+    "Record what acts slowly on the output (a load, the supply, the weather) as a further input; "
+    "more poles do not stand for it."
+)
+"""What to do about a slow disturbance that nothing at hand stands for."""
+
 NOTHING_MOVES = "no coefficient moves by more than its standard error"
 HARDLY = 1.0
 """Movement of a coefficient [standard errors] below which it may stay as it is."""
@@ -323,7 +329,7 @@ def _about_slow(explained: Explanations, estimate: Estimate) -> tuple[str, str]:
 
 
 def drift_tried(explained: Explanations | None, estimate: Estimate) -> tuple[str, str]:
-    """What to do about a drift, of what was tried, and what that brings; empty for nothing.
+    """What to do about a drift, of what was tried, and what that brings.
 
     Parameters
     ----------
@@ -334,9 +340,12 @@ def drift_tried(explained: Explanations | None, estimate: Estimate) -> tuple[str
     lines = [one for one in own if one.rival.code == "drift" and one.rival.refits]
     best = max(lines, key=lambda one: one.gain, default=None)
     if best is None or explained is None:
-        return "", ""
+        return RECORD_IT, ""
     if not best.is_clear:
-        return "", f"{best.rival.what[0].upper()}{best.rival.what[1:]} does not stand for it."
+        return (
+            RECORD_IT,
+            f"{best.rival.what[0].upper()}{best.rival.what[1:]} does not stand for it.",
+        )
     brings = _effect(best, explained, estimate)
     what = best.rival.what
     return best.rival.advice, f"With {what}{brings.removeprefix('With it')}"

@@ -9,9 +9,16 @@ from tridentify.estimation.answer.finding import Finding
 from tridentify.judgement.causes.system.slow import HALVES, MOSTLY_SLOW, slow_share
 from tridentify.judgement.validation.known_causes import KnownCauses
 from tridentify.judgement.validation.noise_of_each import of_each
-from tridentify.judgement.validation.phrases import one_finding, seconds, when
+from tridentify.judgement.validation.phrases import (
+    AT_MOVES,
+    LOOK_THERE,
+    one_finding,
+    seconds,
+    when,
+)
 from tridentify.judgement.validation.residuals import View
 from tridentify.judgement.validation.result import Transfer
+from tridentify.judgement.validation.statistics.distribution import at_moves
 from tridentify.judgement.validation.statistics.evidence import Evidence
 
 ROBUST = "use a robust loss (loss='huber' or 'student'; --loss), or mark them as missing"
@@ -63,13 +70,16 @@ def about_noise(
         many = f"{len(rows)} samples lie" if len(rows) > 1 else "a sample lies"
         which = "at" if len(rows) <= 3 else "the farthest at"
         first = int(rows[0, 0])
+        places = [(int(e), int(np.argmin(np.abs(view.records[int(e)].t - t)))) for e, t, _ in rows]
+        moves = at_moves(view.records, places)
         found.append(
             one_finding(
                 "bad-samples",
                 name,
                 f"{many} up to {np.abs(far[0, 2]):.0f} standard deviations from the model of "
-                f"{name} ({which} {at})",
-                WEIGHED if beside.robust else ROBUST,
+                f"{name} ({which} {at}){f', {AT_MOVES}' if moves else ''}",
+                LOOK_THERE.rstrip(".") if moves else WEIGHED if beside.robust else ROBUST,
+                "note" if moves else "warning",
                 times=np.sort(rows[:, 1]).tolist(),
                 effect=beside.without_bad.rstrip("."),
                 experiment=first if len(view.records) > 1 and np.all(rows[:, 0] == first) else None,

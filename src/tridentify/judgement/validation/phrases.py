@@ -34,6 +34,19 @@ def span(low: float, high: float) -> str:
     return a if a == b else f"{a}-{b}"
 
 
+AT_MOVES = (
+    "where an input moves: what happens there is too fast for the model, or the times of the moves "
+    "are not those of the samples, unless switching disturbs the sensor"
+)
+"""Of far samples that all lie there."""
+
+LOOK_THERE = (
+    "Look at these moves; mark the samples as missing (nan) only where switching disturbs the "
+    "sensor."
+)
+"""What to do about them."""
+
+
 def one_finding(
     code: str,
     output: str,

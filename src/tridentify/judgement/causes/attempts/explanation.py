@@ -54,6 +54,9 @@ WORSE_BETWEEN = 0.02
 """The same of times at which an input moved between the samples, as a share of what is not
 followed: they explain what is sharp, and what is slow then ends up a little elsewhere by chance."""
 
+OF_ONE_STEP = ("nonlinear", "drift")
+"""Causes that one step of the input says little of."""
+
 BENT = ("nonlinear", "varying")
 """Causes that follow what is slow as well."""
 
@@ -148,7 +151,7 @@ class Explanations:
             code = "drift"
         if code == "nonlinear" and _is_clearly_more(clear, "disagreeing-experiments", "nonlinear"):
             code = "disagreeing-experiments"
-        if code == "nonlinear" and self._is_of_one_step(clear):
+        if code in OF_ONE_STEP and self._is_of_one_step(code, clear):
             code = "order-low"
         if code == "intersample" and _is_clearly_more(clear, "delay", "intersample"):
             code = "delay"
@@ -174,6 +177,9 @@ class Explanations:
         halves = max((one.gain for one in others if one.rival.code == "varying"), default=0.0)
         known = (*FOLLOW, "varying")
         strict = max((one.gain for one in others if one.rival.code not in known), default=0.0)
+        if exact is not None and exact.rival.as_lags:
+            own = (one.gain for one in others if one.rival.code == "order-low")
+            strict = max(strict, max(own, default=0.0))
         least = max(AS_MUCH * loose, halves, strict / NEARLY, strict + CLEARLY)
         return [exact] if exact is not None and exact.gain > least else others
 
@@ -191,18 +197,19 @@ class Explanations:
         waves = waves if code == "nonlinear" else -np.inf
         return bool(lines >= min(bent, AS_MUCH * clear[0].gain) or waves > bent - CLEARLY)
 
-    def _is_of_one_step(self, clear: Sequence[Explanation]) -> bool:
-        """Whether more poles explain more than a bend of what one step of the input shows.
+    def _is_of_one_step(self, code: str, clear: Sequence[Explanation]) -> bool:
+        """Whether more poles explain more than a bend, or waves, of what one step shows.
 
-        One amplitude says nothing of another: a bend is a guess there, and its shape is what makes
-        up for poles that are missing. Where the system does bend, it explains more than any poles.
+        One amplitude says nothing of another, and what wanders may be a part of one response: both
+        are a guess there, and their shape is what makes up for poles that are missing. Where the
+        system does bend, or its output wanders, that explains more than any poles.
         """
         inputs = (e.u for e in self.present.point.problem.experiments)
         if not all(np.all(np.count_nonzero(np.diff(u, axis=0), axis=0) < 2) for u in inputs):
             return False
         bend, poles = (
             max((one.gain for one in clear if one.rival.code == each), default=-np.inf)
-            for each in ("nonlinear", "order-low")
+            for each in (code, "order-low")
         )
         return bool(poles > bend)
 

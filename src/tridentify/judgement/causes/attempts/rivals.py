@@ -32,6 +32,9 @@ MOST_POLES = 20
 RATES = 6
 """Places over the band of the record at which another pole may begin."""
 
+SHORTER = (0.0, 0.25, 0.5, 0.75)
+"""Shares of an estimated delay beside which another pole is tried."""
+
 LONG_ENOUGH = 40
 """Samples of a half record below which it is not fitted by itself."""
 
@@ -118,6 +121,8 @@ class Rival:
         Whether the numbers are wrong with it, where its code does not say so.
     of_motion : bool
         Whether it is a function of a motion of the system: friction, damping, a stiffness.
+    as_lags : bool
+        Whether a linear lag may stand for it in these records, however exact it is.
     """
 
     code: str
@@ -137,6 +142,7 @@ class Rival:
     experiment: int | None = None
     spoils: bool = False
     of_motion: bool = False
+    as_lags: bool = False
 
 
 def one(code: str, present: Present, what: str, advice: str, *, refits: bool = True) -> Rival:
@@ -340,14 +346,43 @@ def order_rivals(present: Present) -> Iterator[Rival]:
     for order, m, starts in wanted:
         if order > MOST_POLES:
             continue
-        most = int(m.max())
-        several = "" if len(np.unique(m)) == 1 else "up to "
-        changed = tuple(tuple(int(k) for k in row) for row in m)
-        yield Rival(
-            "order-low",
-            (replace(present, order=order, zeros=changed),),
-            (starts,),
-            f"{order} poles and {several}{most} zero{'' if most == 1 else 's'}",
-            f"Use poles={order} and zeros={most}, or compare several orders "
-            "(select_structure; tridentify select).",
-        )
+        yield _of_order(present, order, m, starts)
+
+
+def lag_rivals(present: Present) -> Iterator[Rival]:
+    """Another pole beside a shorter delay, where the delay was estimated.
+
+    A lag that is missing makes an estimated delay longer, and another pole beside that delay then
+    explains little.
+    """
+    if not isinstance(present.order, int) or not np.any(present.delay > 0.0):
+        return
+    slow = 2.0 / max(record.duration for record in present.records)
+    rates = np.geomspace(slow, 1.0 / present.step, RATES)
+    n, zeros = present.order, np.array(present.zeros)
+    starts = tuple(sort_poles(np.append(present.poles, -w)) for w in rates)
+    for share in SHORTER if n < MOST_POLES else ():
+        part = replace(present, delay=share * present.delay)
+        for m in (zeros, zeros + 1):
+            rival = _of_order(part, n + 1, m, starts)
+            yield replace(
+                rival,
+                what=f"{rival.what} beside a shorter delay",
+                advice=rival.advice.replace(", or", " (the delay estimated again), or", 1),
+                price=2.0 * float(np.log(len(SHORTER))),
+            )
+
+
+def _of_order(present: Present, order: int, zeros: Array, starts: tuple[Complex, ...]) -> Rival:
+    """Other numbers of poles and zeros."""
+    most = int(zeros.max())
+    several = "" if len(np.unique(zeros)) == 1 else "up to "
+    changed = tuple(tuple(int(k) for k in row) for row in zeros)
+    return Rival(
+        "order-low",
+        (replace(present, order=order, zeros=changed),),
+        (starts,),
+        f"{order} poles and {several}{most} zero{'' if most == 1 else 's'}",
+        f"Use poles={order} and zeros={most}, or compare several orders "
+        "(select_structure; tridentify select).",
+    )

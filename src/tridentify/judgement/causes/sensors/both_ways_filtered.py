@@ -67,8 +67,14 @@ def both_ways_rivals(present: Present) -> Iterator[Rival]:
         "Take the outputs as they were recorded, or filter the inputs alike: the same filter, "
         "forth and back.",
     )
+    # behind a delay nothing begins before its input, so that lags round an edge as well
     yield replace(
-        rival, starts=((start, present.poles),), price=PRICE, exact=True, headline=BOTH_WAYS
+        rival,
+        starts=((start, present.poles),),
+        price=PRICE,
+        exact=True,
+        headline=BOTH_WAYS,
+        as_lags=bool(np.all(present.delay >= present.step)),
     )
 
 

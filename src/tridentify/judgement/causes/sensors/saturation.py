@@ -58,6 +58,9 @@ SHARE = 0.25
 FINER = (2**0.5, 2**0.25, 2**0.125, 2**0.0625)
 """Factors by which the rate is looked for beside the best of these."""
 
+ONE_SIZE = 0.05
+"""Share by which moves of one size differ."""
+
 LEVELS = 6
 """Values of an input from which a limit can be told from a smaller gain."""
 
@@ -305,7 +308,33 @@ def _of_rate(present: Present, j: int) -> Rival | None:
         price=price,
         exact=True,
         headline="an actuator is at the limit of its rate",
+        as_lags=all(alike(record.u[:, j], size / samples) for record in present.records),
     )
+
+
+def alike(u: Array, most: float) -> bool:
+    """Whether all moves of an input are of one size, and a limited rate has time for each.
+
+    Behind a limit of the rate each of them is then the same ramp, which a linear lag makes as well:
+    moves of other sizes tell the two apart.
+
+    Parameters
+    ----------
+    u : (n,) array
+    most : float
+        What the rate allows, a sample.
+
+    Examples
+    --------
+    >>> alike(np.repeat([0.0, 1.0, 0.0], 10), 0.2), alike(np.repeat([0.0, 1.0, 3.0], 10), 0.2)
+    (True, False)
+    """
+    moves = np.diff(u)
+    at = np.flatnonzero(moves)
+    sizes = np.abs(moves[at])
+    if at.size < 2:
+        return True
+    return bool(np.ptp(sizes) < ONE_SIZE * sizes.max() and np.diff(at).min() * most >= sizes.max())
 
 
 def _limited_rate(present: Present, j: int, most: float) -> Present:

@@ -28,6 +28,16 @@ from tridentify.numerics.arrays import Array
 from tridentify.numerics.local_size import farthest_by_chance
 from tridentify.numerics.quantiles import median, quantiles
 from tridentify.numerics.robust import median_scale
+from tridentify.record.record import Record
+
+BEFORE, AFTER = 1, 2
+"""Samples before and after a move of an input that are there."""
+
+FEW_MOVES = 0.1
+"""Share of the samples that are there, from which anything is."""
+
+BY_CHANCE = 0.05
+"""Probability that so many samples are all there, below which the moves have to do with it."""
 
 SMALL_SAMPLE = 6.0
 """Samples' worth by which the scale of a short record is uncertain: the limit is wider by this over
@@ -191,3 +201,32 @@ def _gaussian(skewness: float, excess: float, n: float) -> float:
     cube = np.cbrt((1.0 - 2.0 / a) / (1.0 + x * np.sqrt(2.0 / (a - 4.0))))
     of_kurtosis = (1.0 - 2.0 / (9.0 * a) - cube) / np.sqrt(2.0 / (9.0 * a))
     return float(chdtrc(2.0, of_skewness**2 + of_kurtosis**2))
+
+
+def at_moves(records: Sequence[Record], places: Sequence[tuple[int, int]]) -> bool:
+    """Whether samples lie where an input moves, all of them and not by chance.
+
+    What is too fast for the model, or moves whose times are not those of the samples, leaves
+    single large residuals there, and no sample is wrong.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    places : sequence of (experiment, sample)
+
+    Examples
+    --------
+    >>> record = Record(np.repeat([0.0, 1.0, 0.0, 1.0], 100), np.zeros(400), dt=1.0)
+    >>> at_moves([record], [(0, 100), (0, 201)]), at_moves([record], [(0, 100), (0, 250)])
+    (True, False)
+    """
+    there = []
+    for record in records:
+        near = np.zeros(record.n_samples, dtype=bool)
+        for k in np.flatnonzero(np.any(np.diff(record.u, axis=0) != 0.0, axis=1)) + 1:
+            near[max(k - BEFORE, 0) : k + AFTER + 1] = True
+        there.append(near)
+    share = float(np.mean(np.concatenate(there)))
+    if not places or share > FEW_MOVES or share ** len(places) > BY_CHANCE:
+        return False
+    return all(there[e][k] for e, k in places)
