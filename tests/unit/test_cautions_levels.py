@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from tridentify import Record, Structure, TransferFunction, identify, simulate
 from tridentify.judgement.cautions.levels import _standing
@@ -57,6 +58,41 @@ def test_the_input_that_stands_is_named_and_not_one_that_moves_or_never_does():
     name, ratio = _standing(record)
     assert name == "acid"
     assert ratio == pytest.approx(10.0 / 1.3, rel=0.15)
+
+
+def soon(seed):
+    """One step soon after the start of a test, of two lags about a trim, and its static gain."""
+    rng = np.random.default_rng(7000 * 2 + seed)
+    n = int(rng.integers(200, 600))
+    u = np.zeros(n)
+    u[int(rng.integers(3, 25)) :] = 80.0
+    slow = rng.uniform(15.0, 80.0)
+    quick, gain = slow * rng.uniform(0.2, 0.5), rng.uniform(0.5, 2.0)
+    plant = TransferFunction([gain], np.polymul([slow, 1.0], [quick, 1.0]))
+    y = simulate(plant, Record(u, u, dt=1.0))[:, 0]
+    size = rng.uniform(0.01, 0.05) * y.std()
+    noise = lfilter([1.0], [1.0, -0.6], size * rng.standard_normal(n))
+    return Record(u, y + noise + 20.0, dt=1.0), gain
+
+
+@pytest.mark.parametrize(("seed", "warned"), [(20, True), (0, False)])
+def test_a_step_soon_after_the_start_hangs_on_whether_it_began_at_rest(seed, warned):
+    record, gain = soon(seed)
+    estimate, told = said(record)
+    assert any(one.matters for one in told) is warned
+    assert (abs(estimate.model.dc_gain.item() / gain - 1.0) > 0.1) is warned
+
+
+@pytest.mark.slow
+def test_no_step_whose_gain_was_found_is_warned_of():
+    wrong = []
+    for seed in range(100, 130):
+        record, gain = soon(seed)
+        estimate, told = said(record)
+        if any(one.matters for one in told):
+            wrong.append(abs(estimate.model.dc_gain.item() / gain - 1.0))
+    assert len(wrong) > 0
+    assert min(wrong) > 0.1
 
 
 @pytest.mark.parametrize("seed", [0, 1, *(pytest.param(k, marks=pytest.mark.slow) for k in (2, 3))])

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +27,10 @@ from tridentify.judgement.cautions.remedies import fitted_again
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 
-STANDS = 3.0
+STANDS = 1.5
 """Level of an input over its movement about it [standard deviations] from which it stands rather
-than moves; 1 for an input that is switched on and off as long."""
+than moves; 1 for an input that is switched on and off as long, 2 and more for a step in the first
+fifth of a record, where the response to it and a start of its own look alike."""
 
 TIED = 6.0
 """Difference of AICc up to which two choices are about as likely: odds of 20 to 1."""
@@ -36,7 +38,7 @@ TIED = 6.0
 APART = 3.0
 """Movement [standard errors] from which a coefficient hangs on the choice."""
 
-NOTABLY = 0.3
+NOTABLY = 0.1
 """The same, as a share of its value."""
 
 CHOICE = re.compile(r"initial state (\w+), (no offset|offset)(, drift)? ([+-]\d[\d.e+]*)")
@@ -67,22 +69,25 @@ def level_findings(estimate: Estimate, records: Sequence[Record]) -> list[Findin
     ]
     if not tied:
         return []
+    own = stated(estimate)
     end, choice = min(tied, key=lambda pair: pair[0].criterion)
-    size = np.where(_apart(estimate, end), np.abs(_moved(estimate, end)), 0.0)
-    k = int(np.argmax(size))
-    to, more = coefficients(end.point)[k], end.criterion - base.criterion
+    names, moved, values, elsewhere = _compared(estimate, end)
+    size, n = np.where(_apart(estimate, end), np.abs(moved), 0.0), coefficients(end.point).size
+    k = int(np.argmax(size[:n] if size[:n].any() else size))
+    more = end.criterion - base.criterion
     return [
         Finding(
             "not-determined",
-            "warning",
-            f"Input {standing[0]} moves little beside its level, which is {standing[1]:.0f} times "
+            # a test mostly begins at rest, somewhere
+            "note" if own.initial_state == "rest" and own.offset else "warning",
+            f"Input {standing[0]} moves little beside its level, which is {standing[1]:.2g} times "
             "as large, so that trim and start decide the answer: "
             f"{choice.label} explains the record as well (AICc {more:+.1f}), with other "
             "coefficients. The standard errors hold for the choice that was made "
-            f"({stated(estimate).label}).",
+            f"({own.label}).",
             "State offset and initial_state (--offset, --initial-state) if they are known, or use "
             "a stretch in which the input moves the system.",
-            effect=f"With the other: {estimate.names[k]} from {estimate.theta[k]:.4g} to {to:.4g} "
+            effect=f"With the other: {names[k]} from {values[k]:.4g} to {elsewhere[k]:.4g} "
             f"({size[k]:.1f} standard errors).",
         )
     ]
@@ -110,15 +115,45 @@ def _standing(record: Record) -> tuple[str, float]:
     return record.input_names[k], float(ratios[k])
 
 
-def _moved(estimate: Estimate, end: Attempt) -> Array:
-    """(n_coefficients,) movement [standard errors]."""
+class _Compared(NamedTuple):
+    """Coefficients and static gains, of the estimate and with another choice."""
+
+    names: tuple[str, ...]
+    moved: Array
+    """[standard errors]"""
+    values: Array
+    others: Array
+
+
+def _compared(estimate: Estimate, end: Attempt) -> _Compared:
     found = coefficients(end.point)
-    std = np.where(estimate.std > 0, estimate.std, np.inf)[: found.size]
-    return np.asarray((found - estimate.theta[: found.size]) / std)
+    n = found.size
+    own, other = (_gains(estimate, one) for one in (estimate.theta, found))
+    # a gain may be known where the coefficients that make it are not
+    gains = [one for one in estimate.derived() if one.name.startswith("dc gain")]
+    names = (*estimate.names[:n], *(one.name for one in gains))
+    values = np.concatenate([estimate.theta[:n], own])
+    others = np.concatenate([found, other])
+    std = np.concatenate([estimate.std[:n], [one.std for one in gains]])
+    moved = (others - values) / np.where(std > 0, std, np.inf)
+    return _Compared(names, np.nan_to_num(moved), values, others)
+
+
+def _gains(estimate: Estimate, theta: Array) -> Array:
+    """Static gains of all channels for some coefficients, as `Estimate.derived` orders them."""
+    found = []
+    whole = np.concatenate([theta, estimate.theta[theta.size :]])[None]
+    for i in range(len(estimate.output_names)):
+        for j in range(len(estimate.input_names)):
+            num, den, _ = estimate.channel_draws(whole, i, j)
+            with np.errstate(divide="ignore", invalid="ignore"):  # an integrator has none
+                found.append(num[0, -1] / den[0, -1])
+    return np.asarray(np.nan_to_num(np.array(found), posinf=0.0, neginf=0.0))
 
 
 def _apart(estimate: Estimate, end: Attempt) -> NDArray[np.bool_]:
-    """(n_coefficients,) whether each hangs on the choice."""
-    moved, theta = _moved(estimate, end), np.abs(estimate.theta)
-    by = np.abs(moved) * np.where(estimate.std > 0, estimate.std, 0.0)[: moved.size]
-    return np.asarray((np.abs(moved) > APART) & (by > NOTABLY * theta[: moved.size]))
+    """Whether each of `_compared` hangs on the choice."""
+    _, moved, values, others = _compared(estimate, end)
+    return np.asarray(
+        (np.abs(moved) > APART) & (np.abs(others - values) > NOTABLY * np.abs(values))
+    )
