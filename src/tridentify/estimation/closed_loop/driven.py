@@ -23,6 +23,7 @@ to input in a first stage of its own. U. Forssell & L. Ljung, Automatica 36 (200
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -181,38 +182,51 @@ def driven(record: Record, *, between: bool = False, own: bool = False) -> Drive
     """
     direct = np.asarray(record.reference)
     most = _affordable(record)
-    found: list[tuple[float, Driven]] = []
+    found: list[_Described] = []
     for before in befores(direct):
         experiment = starting(record, before)
         for rate in _rates(record):
             count = min(most, shown_by_samples(rate * experiment.dt)) if between else most
-            found.append(_described(record, before, laguerre(rate, count), 1))
-    found.sort(key=lambda one: one[0])
-    best = found[0]
+            found.append(_Described.of(record, before, laguerre(rate, count), 1))
+    found.sort(key=lambda one: one.criterion)
+    best = found[0].part
     if between or own:
-        begun = [part for _, part in found if np.array_equal(part.before, best[1].before)]
-        for part in begun[:STARTS]:
-            best = min(best, *_by_own_poles(part, most), key=lambda one: one[0])
-    return best[1]
+        begun = [one for one in found if np.array_equal(one.before, best.before)]
+        lowest = found[0].criterion
+        for one in begun[:STARTS]:
+            for criterion, part in _by_own_poles(one.part, most):
+                if criterion < lowest:
+                    lowest, best = criterion, part
+    return best
 
 
-def _described(record: Record, before: Array, poles: Complex, each: int) -> tuple[float, Driven]:
-    """As many of some operators as have the lowest AICc, which stands before them.
+@dataclass(frozen=True, eq=False)
+class _Described:
+    """As many of some operators as have the lowest AICc."""
 
-    Parameters
-    ----------
-    record : Record
-    before : (n_references,) array
-    poles : (order,) complex array
-    each : int
-        The operators that are taken together.
-    """
-    direct, references = np.asarray(record.reference), record.n_references
-    signals = np.column_stack([record.u, record.y])
-    states = operators(starting(record, before), poles)
-    criterion, order = _cheapest(columns_of(direct, states), signals, references, poles.size, each)
-    columns = columns_of(direct, states[:, _first(order, poles.size, references)])
-    return criterion, Driven(record, poles[:order], before, fitted(columns, signals), columns)
+    record: Record
+    before: Array
+    poles: Complex
+    columns: Array
+    criterion: float
+
+    @classmethod
+    def of(cls, record: Record, before: Array, poles: Complex, each: int) -> _Described:
+        """Of operators with these poles, so many of which are taken together."""
+        direct, references = np.asarray(record.reference), record.n_references
+        signals = np.column_stack([record.u, record.y])
+        states = operators(starting(record, before), poles)
+        whole = columns_of(direct, states)
+        criterion, order = _cheapest(whole, signals, references, poles.size, each)
+        columns = columns_of(direct, states[:, _first(order, poles.size, references)])
+        return cls(record, before, poles[:order], columns, criterion)
+
+    @cached_property
+    def part(self) -> Driven:
+        """With their weights."""
+        signals = np.column_stack([self.record.u, self.record.y])
+        weights = fitted(self.columns, signals)
+        return Driven(self.record, self.poles, self.before, weights, self.columns)
 
 
 def _by_own_poles(part: Driven, most: int) -> list[tuple[float, Driven]]:
@@ -239,9 +253,10 @@ def _by_own_poles(part: Driven, most: int) -> list[tuple[float, Driven]]:
             if poles is None or not often:
                 break
             own = np.tile(poles, often)
-            criterion, current = _described(record, part.before, own, count)
+            following = _Described.of(record, part.before, own, count)
+            current = replace(following.part, about=part.rate)
             # its poles were fitted, too
-            found.append((criterion + 2.0 * count, replace(current, about=part.rate)))
+            found.append((following.criterion + 2.0 * count, current))
     return found
 
 
