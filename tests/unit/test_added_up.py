@@ -7,7 +7,7 @@ import pytest
 
 from oracles import moving_noise_loop
 from tridentify import Record, Structure, ThreeModel, identify
-from tridentify.estimation.closed_loop.added_up import added_up
+from tridentify.estimation.closed_loop.added_up import Series, added_up
 
 
 def instruments(count, periods=3):
@@ -23,7 +23,7 @@ def test_slow_noise_that_no_test_of_whiteness_shows_counts_where_the_instruments
     drift = np.convolve(shape, 0.15 * rng.standard_normal(count))[:count]
     z = instruments(count)
     quiet, loud = (
-        np.diag(added_up(z, [one - z @ (z.T @ one)], [shape], [0]))
+        np.diag(added_up([Series(one - z @ (z.T @ one), z, z, shape, np.zeros(0))]))
         for one in (noise, noise + drift)
     )
     true = np.sum(np.abs(np.fft.rfft(shape, 2 * count)[:2]) ** 2) / 2 * 0.15**2
