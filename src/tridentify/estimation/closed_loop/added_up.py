@@ -45,6 +45,8 @@ ALONG = np.concatenate([-np.geomspace(0.03, 0.3, 4)[::-1], [0.0], np.geomspace(0
 APART = np.concatenate([[0.0], np.geomspace(0.01, 1e4, 19)])
 """Variances ``l sum P^2`` of what is added up, at the end of the record, that are tried: from a
 hundredth of the noise's own to what a loop of high gain makes."""
+HELD = float(np.log(APART.size - 1))
+"""Log weight of none beside each of these: noise is as likely as not held between the samples."""
 PIECES = 80
 """Of a record: what is faster is no sum."""
 TOLD_APART = 1e-6
@@ -185,6 +187,7 @@ def _mean(models: Sequence[Sequence[_Piecewise]]) -> Array:
         gain = float(np.mean([one.gain for one in model]))
         for c in ALONG / gain:
             likelihoods, variances = _likelihoods(seen, float(c))
+            likelihoods[0] += HELD
             levels.append(likelihoods)
             own = sum(a + c * b + c * c * p for a, b, p in z)
             added = sum(p for _, _, p in z)

@@ -286,7 +286,8 @@ def _no_less(cov: Array, least: Array) -> Array:
 
 def _whitened(estimate: Estimate, i: int, response: Array) -> Array:
     """(n, k) responses of an output as its model of the noise sees them."""
-    if i >= len(estimate.noise_model) or not estimate.noise_model[i].size:
+    modelled = i < len(estimate.noise_model) and estimate.noise_model[i].size
+    if not modelled or not response.shape[1]:
         return response
     taps = np.append(1.0, estimate.noise_model[i])
     return np.column_stack([np.convolve(one, taps)[: len(one)] for one in response.T])
