@@ -191,9 +191,7 @@ def _mean(models: Sequence[Sequence[_Piecewise]]) -> Array:
             levels.append(likelihoods)
             own = sum(a + c * b + c * c * p for a, b, p in z)
             added = sum(p for _, _, p in z)
-            found += [
-                v * (own + apart * added) for v, apart in zip(variances, APART, strict=True)
-            ]
+            found += [v * (own + apart * added) for v, apart in zip(variances, APART, strict=True)]
     level = np.concatenate(levels)
     weights = np.exp(level - level.max())
     return np.asarray(np.tensordot(weights / weights.sum(), np.array(found), 1))
@@ -232,8 +230,8 @@ def _likelihoods(seen: Sequence[_Seen], c: float) -> tuple[Array, Array]:
     variances = np.empty(APART.size)
     for j, own in enumerate(each):
         # the triangle of both: what of the errors is left beside what was taken stands last
-        upper = np.linalg.qr(np.sqrt(own)[:, None] * np.roll(table, -1, axis=1), mode="r")
-        sizes = np.abs(np.diag(upper))
+        weighed = np.sqrt(own)[:, None] * np.roll(table, -1, axis=1)
+        sizes = np.abs(np.diag(np.linalg.qr(weighed)[1]))
         told_apart = sizes[:-1] > TOLD_APART * np.max(sizes[:-1], initial=1e-300)
         freedom = max(len(table) - int(told_apart.sum()), 1)
         variances[j] = max(sizes[-1] ** 2 / freedom, 1e-300)

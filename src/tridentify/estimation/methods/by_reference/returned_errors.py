@@ -238,11 +238,10 @@ def _in_their_colour(found: Rooted, tables: Sequence[Array], cov: Array) -> Arra
     return _no_less(coloured, np.asarray(slow))
 
 
-def _added_up(
-    found: Rooted, q: Array, tables: Sequence[Array], left: Sequence[Array]
-) -> Array:
+def _added_up(found: Rooted, q: Array, tables: Sequence[Array], left: Sequence[Array]) -> Array:
     """``Z' S Z`` in noise that the plant may have added up (`closed_loop.added_up`)."""
-    estimate, series, at = found.estimate, [], 0
+    estimate, at = found.estimate, 0
+    series: list[Series] = []
     for e, loop in enumerate(found.loops):
         response = simulate(estimate.model, with_input(loop.record, pulse(loop), "zoh"))
         for i in range(loop.record.n_outputs):
