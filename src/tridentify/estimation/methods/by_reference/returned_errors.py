@@ -59,7 +59,7 @@ from scipy.linalg import solve_banded
 
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
-from tridentify.estimation.closed_loop.added_up import added_up, pulse
+from tridentify.estimation.closed_loop.added_up import Series, added_up, pulse
 from tridentify.estimation.closed_loop.as_recorded import AsRecorded
 from tridentify.estimation.closed_loop.between_samples import Loop, with_input
 from tridentify.estimation.closed_loop.driven import Driven, described_otherwise
@@ -234,20 +234,31 @@ def _in_their_colour(found: Rooted, tables: Sequence[Array], cov: Array) -> Arra
     coloured = _no_less(cov, coloured) if sparing else coloured
     if found.loops[0].sampling == "sampled" or not few:
         return coloured
-    slow = root_of @ _added_up(found, q, left) @ root_of.T
+    slow = root_of @ _added_up(found, q, tables, left) @ root_of.T
     return _no_less(coloured, np.asarray(slow))
 
 
-def _added_up(found: Rooted, q: Array, left: Sequence[Array]) -> Array:
+def _added_up(found: Rooted, q: Array, tables: Sequence[Array], left: Sequence[Array]) -> Array:
     """``Z' S Z`` in noise that the plant may have added up (`closed_loop.added_up`)."""
-    estimate, series, shapes, outputs = found.estimate, [], [], []
+    estimate, at = found.estimate, 0
+    series: list[Series] = []
     for e, loop in enumerate(found.loops):
         response = simulate(estimate.model, with_input(loop.record, pulse(loop), "zoh"))
         for i in range(loop.record.n_outputs):
-            series.append(weighted(loop, estimate, e, i, left[e], [left[e]])[:, 0])
-            shapes.append(response[:, i])
-            outputs.append(i)
-    return added_up(q, series, shapes, outputs)
+            table, n_free = tables[len(series)], q.shape[1]
+            beside = _whitened(estimate, i, _nuisance(loop.record, estimate, e, i))
+            series.append(
+                Series(
+                    weighted(loop, estimate, e, i, left[e], [left[e]])[:, 0],
+                    q[at : at + len(table)],
+                    np.hstack([table[:, n_free : 2 * n_free], beside]),
+                    response[:, i],
+                    estimate.noise_model[i] if i < len(estimate.noise_model) else np.zeros(0),
+                    i,
+                )
+            )
+            at += len(table)
+    return added_up(series)
 
 
 def _sparing(left: Array, models: Sequence[Array]) -> Array | None:
@@ -274,7 +285,8 @@ def _no_less(cov: Array, least: Array) -> Array:
 
 def _whitened(estimate: Estimate, i: int, response: Array) -> Array:
     """(n, k) responses of an output as its model of the noise sees them."""
-    if i >= len(estimate.noise_model) or not estimate.noise_model[i].size:
+    modelled = i < len(estimate.noise_model) and estimate.noise_model[i].size
+    if not modelled or not response.shape[1]:
         return response
     taps = np.append(1.0, estimate.noise_model[i])
     return np.column_stack([np.convolve(one, taps)[: len(one)] for one in response.T])
