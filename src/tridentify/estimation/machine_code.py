@@ -85,14 +85,19 @@ def load_first(
     )
 
     say("starts")
-    from tridentify.estimation.search import compiled_passes, compiled_reduction, compiled_starts
+    from tridentify.estimation.search import (
+        compiled_beginning,
+        compiled_passes,
+        compiled_reduction,
+        compiled_starts,
+    )
 
     small = polynomials, small_least_squares, small_eigenvalues
     numerics = recursions, *small, cascades, exponentials, triangles
     regression = compiled_regression, compiled_whitening
     models = added_columns, hats, robust_fit, compiled_columns, compiled_steps, *regression
     cost = compiled_cost, compiled_scatter, compiled_fit, compiled_roots
-    starts = compiled_starts, compiled_reduction, compiled_passes
+    starts = compiled_starts, compiled_reduction, compiled_passes, compiled_beginning
     return *numerics, *models, *cost, *starts
 
 

@@ -287,8 +287,25 @@ def _laguerre(
     poles = np.repeat(gammas[:, None], _most(base, MOST_FUNCTIONS), axis=1)
     groups = base.groups if filtered else ()
     filters = [tuple(np.full(g.order + 1, gamma) for g in groups) for gamma in gammas]
-    labels = [f"Laguerre {rate:.3g} rad/s" for rate in rates]
+    labels = [laguerre_label(rate) for rate in rates]
     return _starts(base, variants, poles, filters, rates.tolist(), labels)
+
+
+def laguerre_label(rate: float) -> str:
+    """The operators in words."""
+    return f"Laguerre {rate:.3g} rad/s"
+
+
+def laguerre_poles(base: Problem) -> tuple[Complex, int]:
+    """The whole grid with the filter of one denominator behind, and the number of functions."""
+    most = _most(base, MOST_FUNCTIONS)
+    return _grid_poles(*rate_limits(base), most + base.n_poles + 1), most
+
+
+@lru_cache(maxsize=32)
+def _grid_poles(low: float, high: float, count: int) -> Complex:
+    """For alike records; nobody may write into them."""
+    return np.repeat(-_grid(low, high).astype(np.complex128)[:, None], count, axis=1)
 
 
 def spread_starts(base: Problem, variants: Sequence[Variant]) -> list[ParallelStart]:
@@ -375,24 +392,21 @@ def _starts(
     """Several banks with as many operators each, every choice of nuisance terms."""
     most = poles.shape[1]
     covering = [_covering(own) for own in filters]
-    banks = Banks.of(base, np.column_stack([poles, np.stack(covering)]))
-    fewest = most if whole else min(max(group.order for group in base.groups) + 1, most)
-    orders, criteria = banks.orders(variants, most, fewest)
+    every = np.column_stack([poles, np.stack(covering)])
+    fewest = most if whole else fewest_functions(base, most)
+    banks, orders, criteria = Banks.ranked(base, every, variants, most, fewest)
     return [
-        ParallelStart(
-            label,
-            base,
-            variant,
-            int(orders[k, v]),
-            float(criteria[k, v]),
-            rates[k],
-            filters[k],
-            banks,
-            k,
+        ParallelStart(label, base, variant, order, criterion, rates[k], filters[k], banks, k)
+        for k, (label, own, prices) in enumerate(
+            zip(labels, orders.tolist(), criteria.tolist(), strict=True)
         )
-        for k, label in enumerate(labels)
-        for v, variant in enumerate(variants)
+        for variant, order, criterion in zip(variants, own, prices, strict=True)
     ]
+
+
+def fewest_functions(base: Problem, most: int) -> int:
+    """That a parallel model has, to be reduced to the poles asked for."""
+    return min(max(group.order for group in base.groups) + 1, most)
 
 
 def _covering(filters: Sequence[Complex]) -> Complex:
