@@ -1,8 +1,8 @@
-"""The beginning of a search in machine code: from the samples to where the best start leads, one call.
+"""The beginning of a search in machine code: from the samples to where the best start leads.
 
-Parallel models on several banks, ranked (`ranked`); the best of them reduced to poles, the reduction
-that explains most, and the adapted passes from there (`begun`). Each is that of the pieces that
-`search.starts` and `search.passes` use one at a time.
+Parallel models on several banks, ranked (`ranked`); the best of them reduced to poles, the
+reduction that explains most, and the adapted passes from there (`begun`). Each is that of the
+pieces that `search.starts` and `search.passes` use one at a time.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from tridentify.estimation.search.compiled_passes import adapted
 from tridentify.estimation.search.compiled_reduction import reductions
 from tridentify.estimation.search.compiled_starts import orders_of, triangles_on
 from tridentify.models.compiled_regression import cascades
-from tridentify.numerics.arrays import Array, Complex, Flags, Indices
+from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.numerics.compiled import compiled
 
 CHOICES = "Tuple((boolean[::1], int64[:,::1], float64[:,:,::1]))"
-"""Of several choices of nuisance terms: whether each has a free initial state; which of constant and
-ramp it keeps, and -1 for none; constants that are put back on the inputs of every experiment."""
+"""Of several choices of nuisance terms: whether each has a free initial state; which of constant
+and ramp it keeps, and -1 for none; constants put back on the inputs of every experiment."""
 
 
 @compiled(
