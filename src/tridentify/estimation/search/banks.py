@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from tridentify.estimation.likelihood.charted import given, shifts
+from tridentify.estimation.likelihood.charted import Given, given, shifts
 from tridentify.estimation.likelihood.fitted_point import FLOOR
 from tridentify.estimation.likelihood.setup.problem import Problem, Variant
 from tridentify.models.columns import Layout
@@ -80,15 +80,14 @@ class Banks:
         variants, most, fewest
             As of `orders`.
         """
-        known, flat = given(base, None), base.flat
-        choices = choices_of(base, variants)
-        if known is None or flat is None or choices is None:
+        asked = asked_of(base, variants, most)
+        if asked is None:
             found = cls.of(base, poles)
             return found, *found.orders(variants, most, fewest)
         from tridentify.estimation.search.compiled_beginning import ranked
 
         poles = np.ascontiguousarray(poles, dtype=np.complex128)
-        scales, prices = np.stack([flat.counts, FLOOR * base.size]), prices_of(base, variants, most)
+        known, choices, prices, scales = asked
         models = ranked(*known, choices, poles, base.biproper, most, fewest, scales, prices)
         return cls.told(base, poles, models), *models[4:]
 
@@ -197,9 +196,39 @@ def _stacked(
     return stack, which, targets, counts
 
 
-def choices_of(base: Problem, variants: Sequence[Variant]) -> tuple[Flags, Indices, Array] | None:
-    """`compiled_beginning.CHOICES`; None where machine code does not serve one of them."""
-    if any(given(base, variant) is None for variant in variants):
+class Asked(NamedTuple):
+    """What `compiled_beginning.ranked` is given of a problem and choices of nuisance terms.
+
+    Attributes
+    ----------
+    known : Given
+        The problem with all terms.
+    choices : tuple
+        As `compiled_beginning.CHOICES` says.
+    prices : (n_variants, most) array
+        Of the unknowns, by the number of functions.
+    scales : (2, n_outputs) array
+        Samples, and what is added to a mean square.
+    """
+
+    known: Given
+    choices: tuple[Flags, Indices, Array]
+    prices: Array
+    scales: Array
+
+
+def asked_of(base: Problem, variants: Sequence[Variant], most: int) -> Asked | None:
+    """The same for up to so many functions; None where machine code does not serve a choice."""
+    key = most, *variants
+    if key not in base.charted:
+        base.charted[key] = _asked_of(base, variants, most)
+    found: Asked | None = base.charted[key]
+    return found
+
+
+def _asked_of(base: Problem, variants: Sequence[Variant], most: int) -> Asked | None:
+    known, flat = given(base, None), base.flat
+    if known is None or flat is None or any(given(base, one) is None for one in variants):
         return None
     e, none = base.experiments[0], np.zeros(base.n_inputs)
     frees, kept = np.zeros(len(variants), dtype=np.bool_), np.full((len(variants), 2), -1)
@@ -209,7 +238,8 @@ def choices_of(base: Problem, variants: Sequence[Variant]) -> tuple[Flags, Indic
         frees[v], kept[v, : len(own)] = variant.free, own
         if shifts(variant):
             constants[v] = [none if one is None else one for one in variant.constants]
-    return frees, kept, constants
+    prices, scales = prices_of(base, variants, most), np.stack([flat.counts, FLOOR * base.size])
+    return Asked(known, (frees, kept, constants), prices, scales)
 
 
 def prices_of(

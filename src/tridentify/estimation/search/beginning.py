@@ -15,12 +15,11 @@ import numpy as np
 
 from tridentify.estimation.likelihood.charted import given, limits_of, told
 from tridentify.estimation.likelihood.cost import Point, evaluate_variant
-from tridentify.estimation.likelihood.fitted_point import FLOOR
 from tridentify.estimation.likelihood.minimum.descent import TOGETHER
 from tridentify.estimation.likelihood.minimum.levenberg_marquardt import Recorder
 from tridentify.estimation.likelihood.setup.problem import Problem, Variant
 from tridentify.estimation.likelihood.thresholds import PASS_HELPED
-from tridentify.estimation.search.banks import Banks, choices_of, prices_of
+from tridentify.estimation.search.banks import Banks, asked_of
 from tridentify.estimation.search.passes import MOST_ADAPTED, record, scales_of
 from tridentify.estimation.search.starts import (
     ParallelStart,
@@ -114,15 +113,16 @@ def begun(base: Problem, variants: Sequence[Variant]) -> Begun | None:
     samples = sum(e.n_samples for e in base.experiments)
     if len(base.groups) > 1 or samples * MOST_ADAPTED > TOGETHER:
         return None
-    known, choices = given(base, None), choices_of(base, variants)
-    if known is None or choices is None:
+    poles, most = laguerre_poles(base)
+    asked = asked_of(base, variants, most)
+    if asked is None:
         return None
     from tridentify.estimation.search import compiled_beginning
 
-    poles, most = laguerre_poles(base)
-    fewest, prices = fewest_functions(base, most), prices_of(base, variants, most)
+    known, choices, prices, scales = asked
     counts, floors, exact = scales_of(base)
-    scales = np.stack([counts, FLOOR * base.size, floors, exact])
+    scales = np.stack([counts, scales[1], floors, exact])
+    fewest = fewest_functions(base, most)
     models, best, reduction, first, passes, at, fit = compiled_beginning.begun(
         *known, choices, poles, base.biproper, most, fewest, scales, prices, float(samples),
         limits_of(base), PASS_HELPED, MOST_ADAPTED,

@@ -1,8 +1,8 @@
-"""The beginning of a search in machine code: from the samples to where the best start leads.
+"""A search begun in machine code: from the samples to the end of a start.
 
 Parallel models on several banks, ranked (`ranked`); the best of them reduced to poles, the
 reduction that explains most, and the adapted passes from there (`begun`). Each is that of the
-pieces that `search.starts` and `search.passes` use one at a time.
+pieces that `search.starts`, `search.passes` use one at a time.
 """
 
 from __future__ import annotations
@@ -157,7 +157,7 @@ def begun(
         for v in range(criteria.shape[1]):
             if criteria[k, v] < criteria[best[0], best[1]]:
                 best[0], best[1] = k, v
-    k, v = best
+    k, v = int(best[0]), int(best[1])
     frees, kept, constants = choices
     which, place, numbers, firsts, group, zeros, leading = shape[:7]
     is_shifted = np.any(constants[v] != 0.0)

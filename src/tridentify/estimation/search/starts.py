@@ -34,7 +34,12 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from tridentify.estimation.likelihood.setup.problem import Problem, Variant
-from tridentify.estimation.search.band import SPREAD_DAMPING, rate_limits, spread_poles
+from tridentify.estimation.search.band import (
+    SPREAD_DAMPING,
+    rate_limits,
+    spread_between,
+    spread_poles,
+)
 from tridentify.estimation.search.banks import Banks, kept_columns, shifts
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.kept import cached_property
@@ -350,17 +355,25 @@ def enriched_starts(base: Problem, variant: Variant, poles: Complex) -> Slices[l
     low, high = rate_limits(base)
     found: list[ParallelStart] = []
     rate, filters = float(np.sqrt(low * high)), base.split(poles)
-    sets: dict[int, list[tuple[float, Complex]]] = {}
-    for damping in SPREAD_DAMPING:
-        spread = spread_poles(base, damping, _most(base, MOST_SPREAD) // 2)
-        sets.setdefault(spread.size, []).append((damping, spread))
-    for alike in sets.values():
-        yield from (None for _ in alike)
-        operators = np.stack([np.concatenate([poles, poles, spread]) for _, spread in alike])
-        labels = [f"the poles so far and a spread, damping {damping:g}" for damping, _ in alike]
-        n = len(alike)
+    for dampings, spread in _spreads(low, high, _most(base, MOST_SPREAD) // 2):
+        yield from (None for _ in dampings)
+        n = len(dampings)
+        operators = np.hstack([np.tile(poles, (n, 2)), spread])
+        labels = [f"the poles so far and a spread, damping {damping:g}" for damping in dampings]
         found += _starts(base, [variant], operators, [filters] * n, [rate] * n, labels, whole=True)
     return sorted(found, key=lambda start: start.criterion)
+
+
+@lru_cache(maxsize=32)
+def _spreads(low: float, high: float, count: int) -> list[tuple[list[float], Complex]]:
+    """Dampings that give as many poles, and these; nobody may write into them."""
+    sets: dict[int, list[float]] = {}
+    for damping in SPREAD_DAMPING:
+        sets.setdefault(spread_between(low, high, damping, count).size, []).append(damping)
+    return [
+        (alike, np.stack([spread_between(low, high, one, count) for one in alike]))
+        for alike in sets.values()
+    ]
 
 
 def parallel_criteria(problem: Problem, rates: Array, most: int) -> Array:
@@ -391,8 +404,7 @@ def _starts(
 ) -> list[ParallelStart]:
     """Several banks with as many operators each, every choice of nuisance terms."""
     most = poles.shape[1]
-    covering = [_covering(own) for own in filters]
-    every = np.column_stack([poles, np.stack(covering)])
+    every = np.hstack([poles, np.stack([_covering(own) for own in filters])])
     fewest = most if whole else fewest_functions(base, most)
     banks, orders, criteria = Banks.ranked(base, every, variants, most, fewest)
     return [
