@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, TransferFunction, simulate
+from tridentify.estimation.likelihood.charted import shifts
 from tridentify.estimation.likelihood.cost import evaluate_variant
 from tridentify.estimation.likelihood.minimum.levenberg_marquardt import Recorder
 from tridentify.estimation.likelihood.question import Question
-from tridentify.estimation.search.banks import Banks, shifts
+from tridentify.estimation.search.banks import Banks
 from tridentify.estimation.search.beginning import begun
 from tridentify.estimation.search.passes import adapting
 from tridentify.estimation.search.starts import laguerre_starts

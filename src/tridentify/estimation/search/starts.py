@@ -33,6 +33,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from tridentify.estimation.likelihood.charted import shifts
 from tridentify.estimation.likelihood.setup.problem import Problem, Variant
 from tridentify.estimation.search.band import (
     SPREAD_DAMPING,
@@ -40,7 +41,7 @@ from tridentify.estimation.search.band import (
     spread_between,
     spread_poles,
 )
-from tridentify.estimation.search.banks import Banks, kept_columns, shifts
+from tridentify.estimation.search.banks import Banks, kept_columns
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.kept import cached_property
 from tridentify.numerics.least_squares import solve, triangle
