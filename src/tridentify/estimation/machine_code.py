@@ -70,6 +70,7 @@ def load_first(
         if and_all:
             from tridentify.numerics import incomplete_kernels  # noqa: F401
         say("banks")
+    from tridentify.estimation.likelihood.compiled import curvature as compiled_curvature
     from tridentify.estimation.likelihood.compiled import fit as compiled_fit
     from tridentify.estimation.likelihood.compiled import roots as compiled_roots
     from tridentify.estimation.likelihood.compiled import scatter as compiled_scatter
@@ -85,14 +86,19 @@ def load_first(
     )
 
     say("starts")
-    from tridentify.estimation.search import compiled_passes, compiled_reduction, compiled_starts
+    from tridentify.estimation.search import (
+        compiled_beginning,
+        compiled_passes,
+        compiled_reduction,
+        compiled_starts,
+    )
 
     small = polynomials, small_least_squares, small_eigenvalues
     numerics = recursions, *small, cascades, exponentials, triangles
     regression = compiled_regression, compiled_whitening
     models = added_columns, hats, robust_fit, compiled_columns, compiled_steps, *regression
-    cost = compiled_cost, compiled_scatter, compiled_fit, compiled_roots
-    starts = compiled_starts, compiled_reduction, compiled_passes
+    cost = compiled_cost, compiled_scatter, compiled_fit, compiled_roots, compiled_curvature
+    starts = compiled_starts, compiled_reduction, compiled_passes, compiled_beginning
     return *numerics, *models, *cost, *starts
 
 

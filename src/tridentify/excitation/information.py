@@ -233,7 +233,7 @@ def _of_point(
     point = evaluate(problem, problem.admissible(np.concatenate(roots).astype(complex))[0])
     matrix, output = point.jacobian()
     rows = matrix / noise_std[output][:, None]
-    turn = physical_transform(point, point.width, rows.shape[1])
+    turn = physical_transform(point, rows.shape[1])
     own = np.flatnonzero(np.any(turn, axis=0))
     others = np.setdiff1d(np.arange(rows.shape[1]), own)
     # what stands first in the triangle is eliminated from the corner that stands last

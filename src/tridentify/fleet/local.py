@@ -212,7 +212,7 @@ def _piece(problem: Problem, theta: Array) -> Piece:
     point, residuals = _held(problem, theta)
     matrix, owner = point.jacobian()
     shared = _shared(point.width)
-    transform = physical_transform(point, point.width, matrix.shape[1])[:, shared]
+    transform = physical_transform(point, matrix.shape[1])[:, shared]
     local = np.setdiff1d(np.arange(matrix.shape[1]), shared)
     triangles, own = [], []
     for i, residual in enumerate(residuals):
@@ -288,7 +288,7 @@ def _held(problem: Problem, theta: Array) -> tuple[Point, list[Array]]:
 def _numerators(point: Point, theta: Array) -> dict[tuple[int, int], Array]:
     """Numerators of all channels, on the functions that their columns are made with."""
     width = point.width
-    transform = physical_transform(point, width, max(place.stop for place in width.values()))
+    transform = physical_transform(point, max(place.stop for place in width.values()))
     return {
         (i, j): np.asarray(np.linalg.solve(transform[place, width[i, ("b", j)]], theta[place]))
         for (i, j), place in point.problem.places()[1].items()

@@ -25,6 +25,7 @@ KERNELS = (
     "online/kernels/*.py",
     "models/compiled_*.py",
     "estimation/*/compiled_*.py",
+    "estimation/*/compiled/*.py",
 )
 """Files with compiled functions that call one another, below the package."""
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from tridentify.numerics.arrays import Array
@@ -64,10 +66,15 @@ def is_white(series: Sequence[Array], rate: float = FALSE_ALARMS) -> bool:
     for one in seen:
         pairs += [float(one[lag:] @ one[:-lag]) for lag in every]
     terms = (products / power) ** 2 / np.where(pairs > 0.0, pairs, np.inf)
-    lags = sorted({*(4**k for k in range(10) if 4**k < n_lags), n_lags})
-    statistics = np.cumsum(terms)[np.array(lags) - 1]
-    limits = chdtri(np.array(lags, dtype=np.float64), rate / len(lags))
-    return bool(np.all(statistics < limits))
+    last, limits = _limits(n_lags, rate)
+    return bool(np.all(np.cumsum(terms)[last] < limits))
+
+
+@lru_cache(maxsize=64)
+def _limits(n_lags: int, rate: float) -> tuple[NDArray[np.intp], Array]:
+    """The last lags that are looked at, from zero, and what white noise stays below there."""
+    lags = np.array(sorted({*(4**k for k in range(10) if 4**k < n_lags), n_lags}), dtype=np.intp)
+    return lags - 1, np.asarray(chdtri(lags.astype(np.float64), rate / lags.size), np.float64)
 
 
 def input_share(residual: Array, u: Array, a: Array) -> tuple[float, float, int]:

@@ -51,7 +51,7 @@ def _given(base: Problem, variant: Variant | None) -> Given | None:
     free, offset, drift, constants = e.free, e.offset, e.drift, np.zeros((0, 0))
     if variant is not None:
         free, offset, drift = variant.free, offset and variant.offset, drift and variant.drift
-        if any(one is not None and one.any() for one in variant.constants):
+        if shifts(variant):
             if any(one.leads is not None for one in base.experiments):
                 return None
             none = np.zeros(base.n_inputs)
@@ -81,10 +81,22 @@ def fitted(
         return None
     from tridentify.estimation.likelihood.compiled.fit import fit_there
 
+    poles = np.ascontiguousarray(poles, dtype=np.complex128)
+    return told(base, variant, known, poles, repeats, fit_there(*known, poles, repeats))
+
+
+def told(
+    base: Problem,
+    variant: Variant | None,
+    known: Given,
+    poles: Complex,
+    repeats: int,
+    fit: tuple[Any, ...],
+) -> tuple[Triangles, Linear]:
+    """What `compiled_fit.fit_there` has told, in the words of those who go on with it."""
     flat, e = base.flat, base.experiments[0]
     assert flat is not None
-    poles = np.ascontiguousarray(poles, dtype=np.complex128)
-    parts, stack, targets, columns, linear = fit_there(*known, poles, repeats)
+    parts, stack, targets, columns, linear = fit
     bank = Bank.made(base.pattern, poles, repeats, *parts)
     layout = Layout(parts[1].size, base.n_inputs, e.free, e.offset, e.drift)
     free, experiments = known.shape[7], base.experiments
@@ -92,6 +104,11 @@ def fitted(
         variant, bank, stack, flat.which, targets, layout, free, columns, flat.counts, experiments
     )
     return triangles, Linear(*linear)
+
+
+def shifts(variant: Variant) -> bool:
+    """Whether a choice puts constants back on the inputs."""
+    return any(constant is not None and constant.any() for constant in variant.constants)
 
 
 def limits_of(problem: Problem) -> Array:

@@ -23,7 +23,6 @@ from tridentify.estimation.likelihood.minimum.levenberg_marquardt import coeffic
 from tridentify.estimation.likelihood.scores import ScoreScatter, scatter_of_scores
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.kept import cached_property
-from tridentify.numerics.realization import denominator, numerators
 
 SINGULAR = 1e12
 """Condition of the scaled derivatives from which rounding decides the coefficients."""
@@ -76,7 +75,7 @@ class Curvature:
         norms = np.sqrt(np.einsum("ij,ij->j", rows, rows))
         norms = np.where(norms > 0, norms, 1.0)
         rows = rows / norms
-        physical = physical_transform(point, point.width, norms.size)
+        physical = physical_transform(point, norms.size)
         free = None
         if held is not None and held.size:
             fixed = (held @ physical) / norms
@@ -171,28 +170,18 @@ def degrees_of_freedom(point: Point) -> Array:
     return np.asarray(np.maximum(point.counts - own - shared - noise, 1.0))
 
 
-def physical_transform(point: Point, keys: dict[object, slice], width: int) -> Array:
+def physical_transform(point: Point, width: int) -> Array:
     """d(physical coefficients) / d(unknowns)."""
-    problem = point.problem
-    transform = np.zeros((problem.n_coefficients, width))
-    a_places, b_places = problem.places()
-    first = keys["a"].start
-    for place, branch in zip(a_places, point.branches, strict=True):
-        n, a = branch.inner.order, denominator(branch.inner.poles)
-        table = numerators(branch.inner.poles)
-        own = slice(first + branch.poles.start, first + branch.poles.stop)
-        transform[place, own] = table.T
-        for i, j in np.argwhere(branch.channels).tolist():
-            m = problem.n_zeros[i][j]
-            proper = branch.basis.rows[: min(m + 1, n)] @ table
-            block = np.zeros((len(proper), n + 1))
-            block[:, 1:] = proper
-            if m == n:
-                block = np.vstack([block, a])
-            transform[b_places[i, j], keys[i, ("b", j)]] = block[:, n - m :].T
-    if problem.n_delays:
-        transform[-problem.n_delays :, keys["delay"]] = np.eye(problem.n_delays)
-    return transform
+    from tridentify.estimation.likelihood.compiled.curvature import physical_of
+
+    problem, bank, keys = point.problem, point.triangles.bank, point.width
+    starts = np.array([keys[i, ("b", 0)].start for i in range(problem.n_outputs)], dtype=np.int64)
+    found = physical_of(bank.poles, *problem.pattern, bank.basis, starts, width)
+    if not problem.n_delays:
+        return found
+    delays = np.zeros((problem.n_delays, width))
+    delays[:, keys["delay"]] = np.eye(problem.n_delays)
+    return np.vstack([found, delays])
 
 
 def physical_map(point: Point) -> tuple[Array, dict[object, slice]]:
@@ -210,4 +199,4 @@ def physical_map(point: Point) -> tuple[Array, dict[object, slice]]:
     """
     keys = point.width
     width = max(place.stop for place in keys.values())
-    return physical_transform(point, keys, width), keys
+    return physical_transform(point, width), keys

@@ -38,12 +38,12 @@ def rate_limits(problem: Problem) -> tuple[float, float]:
 
 def spread_poles(base: Problem, damping: float, count: int) -> Complex:
     """Poles over the whole band, real for a damping of 1 and in pairs below it."""
-    return _spread(*rate_limits(base), damping, count)
+    return spread_between(*rate_limits(base), damping, count)
 
 
 @lru_cache(maxsize=32)
-def _spread(low: float, high: float, damping: float, count: int) -> Complex:
-    """The same for alike records; nobody may write into them."""
+def spread_between(low: float, high: float, damping: float, count: int) -> Complex:
+    """The same between two rates; nobody may write into them."""
     if damping == 1.0:
         return -np.geomspace(low, 3.0 * high, count).astype(np.complex128)
     frequencies = np.geomspace(low, 3.0 * high, max(count // 2, 1))

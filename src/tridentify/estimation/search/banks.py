@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from tridentify.estimation.likelihood.charted import given
+from tridentify.estimation.likelihood.charted import Given, given, shifts
 from tridentify.estimation.likelihood.fitted_point import FLOOR
 from tridentify.estimation.likelihood.setup.problem import Problem, Variant
 from tridentify.models.columns import Layout
 from tridentify.models.regression import held_states, stacks_on
-from tridentify.numerics.arrays import Array, Complex, Indices
+from tridentify.numerics.arrays import Array, Complex, Flags, Indices
 from tridentify.numerics.information import aicc_price
 from tridentify.numerics.kept import cached_property
 from tridentify.numerics.realization import Cascade
@@ -65,6 +67,37 @@ class Banks:
         stack, targets = triangles_on(*known, a, b)
         return cls(base, poles, a, b, stack, base.flat.which, targets, base.flat.counts)
 
+    @classmethod
+    def ranked(
+        cls, base: Problem, poles: Complex, variants: Sequence[Variant], most: int, fewest: int
+    ) -> tuple[Banks, Indices, Array]:
+        """The banks of poles as of `of`, and what `orders` makes of them, where it can in one call.
+
+        Parameters
+        ----------
+        base : Problem
+        poles : (n_banks, q) complex array
+        variants, most, fewest
+            As of `orders`.
+        """
+        asked = asked_of(base, variants, most)
+        if asked is None:
+            found = cls.of(base, poles)
+            return found, *found.orders(variants, most, fewest)
+        from tridentify.estimation.search.compiled_beginning import ranked
+
+        poles = np.ascontiguousarray(poles, dtype=np.complex128)
+        known, choices, prices, scales = asked
+        models = ranked(*known, choices, poles, base.biproper, most, fewest, scales, prices)
+        return cls.told(base, poles, models), *models[4:]
+
+    @classmethod
+    def told(cls, base: Problem, poles: Complex, models: tuple[Any, ...]) -> Banks:
+        """The banks that `compiled_beginning.ranked` has told of."""
+        a, b, stack, targets = models[:4]
+        assert base.flat is not None
+        return cls(base, poles, a, b, stack, base.flat.which, targets, base.flat.counts)
+
     def bank(self, k: int) -> Cascade:
         """One of them."""
         return Cascade(self.a[k], self.b[k], self.poles[k])
@@ -91,16 +124,12 @@ class Banks:
         from tridentify.estimation.search.compiled_starts import orders_of
 
         base, layout = self.base, self.layout
-        n_experiments, n_inputs = len(self.which), base.n_inputs
+        n_inputs = base.n_inputs
         nuisance = np.full((len(variants), 2), -1, dtype=np.int64)
-        prices = np.empty((len(variants), most))
         for v, variant in enumerate(variants):
             kept = kept_columns(layout, variant)
             nuisance[v, : len(kept)] = kept
-            per_order = n_inputs + variant.free * n_experiments
-            shared = 1 + len(kept) * n_experiments + n_inputs * base.biproper
-            k = base.n_outputs * (per_order * np.arange(1.0, most + 1.0) + shared)
-            prices[v] = aicc_price(k, float(self.counts.sum()))
+        prices = prices_of(base, variants, most, float(self.counts.sum()))
         free = np.array([variant.free for variant in variants])
         floors = FLOOR * np.asarray(base.size, dtype=np.float64)
         orders = np.zeros((len(self.b), len(variants)), dtype=np.int64)
@@ -167,9 +196,73 @@ def _stacked(
     return stack, which, targets, counts
 
 
-def shifts(variant: Variant) -> bool:
-    """Whether a choice puts constants back on the inputs."""
-    return any(constant is not None and constant.any() for constant in variant.constants)
+class Asked(NamedTuple):
+    """What `compiled_beginning.ranked` is given of a problem and choices of nuisance terms.
+
+    Attributes
+    ----------
+    known : Given
+        The problem with all terms.
+    choices : tuple
+        As `compiled_beginning.CHOICES` says.
+    prices : (n_variants, most) array
+        Of the unknowns, by the number of functions.
+    scales : (2, n_outputs) array
+        Samples, and what is added to a mean square.
+    """
+
+    known: Given
+    choices: tuple[Flags, Indices, Array]
+    prices: Array
+    scales: Array
+
+
+def asked_of(base: Problem, variants: Sequence[Variant], most: int) -> Asked | None:
+    """The same for up to so many functions; None where machine code does not serve a choice."""
+    key = most, *variants
+    if key not in base.charted:
+        base.charted[key] = _asked_of(base, variants, most)
+    found: Asked | None = base.charted[key]
+    return found
+
+
+def _asked_of(base: Problem, variants: Sequence[Variant], most: int) -> Asked | None:
+    known, flat = given(base, None), base.flat
+    if known is None or flat is None or any(given(base, one) is None for one in variants):
+        return None
+    e, none = base.experiments[0], np.zeros(base.n_inputs)
+    frees, kept = np.zeros(len(variants), dtype=np.bool_), np.full((len(variants), 2), -1)
+    constants = np.zeros((len(variants), len(base.experiments), base.n_inputs))
+    for v, variant in enumerate(variants):
+        own = [0] * variant.offset + [int(e.offset)] * (variant.drift and e.drift)
+        frees[v], kept[v, : len(own)] = variant.free, own
+        if shifts(variant):
+            constants[v] = [none if one is None else one for one in variant.constants]
+    prices, scales = prices_of(base, variants, most), np.stack([flat.counts, FLOOR * base.size])
+    return Asked(known, (frees, kept, constants), prices, scales)
+
+
+def prices_of(
+    base: Problem, variants: Sequence[Variant], most: int, samples: float | None = None
+) -> Array:
+    """(n_variants, most) what unknowns cost, by the number of functions."""
+    e, n_experiments, n_outputs = base.experiments[0], len(base.experiments), base.n_outputs
+    if samples is None:
+        assert base.flat is not None
+        samples = float(base.flat.counts.sum())
+    rows = []
+    for one in variants:
+        kept = one.offset + (one.drift and e.drift)
+        per_order = base.n_inputs + one.free * n_experiments
+        shared = 1 + kept * n_experiments + base.n_inputs * base.biproper
+        rows.append(_prices(n_outputs * per_order, n_outputs * shared, most, samples))
+    return np.array(rows)
+
+
+@lru_cache(maxsize=64)
+def _prices(per_order: int, shared: int, most: int, samples: float) -> Array:
+    """For one choice; nobody may write into them."""
+    return aicc_price(per_order * np.arange(1.0, most + 1.0) + shared, samples)
 
 
 def kept_columns(layout: Layout, variant: Variant) -> list[int]:

@@ -42,6 +42,7 @@ from tridentify.estimation.likelihood.noise.noise_model import leaves_coloured_n
 from tridentify.estimation.likelihood.setup.problem import Problem, Variant
 from tridentify.estimation.likelihood.thresholds import ALLOWANCE, EQUAL, HELPED, NEAR, WORTHWHILE
 from tridentify.estimation.search.band import rate_limits, relocated_poles
+from tridentify.estimation.search.beginning import begun
 from tridentify.estimation.search.found import (
     End,
     Far,
@@ -185,18 +186,30 @@ class Search:
     ) -> Slices[SearchEnd]:
         if self.near is not None:
             return (yield from self._nearby(base, _extremes(variants)[-1], self.near))
-        laguerre = yield from laguerre_slices(base, _extremes(variants))
+        known = begun(base, _extremes(variants)) if self.hastens and most is None else None
+        if known is not None:
+            reachable = known.criterion + ALLOWANCE
+            if criterion(known.point) < reachable:
+                self._keep_start(where + known.name, known.point)
+                self.recorder, self.variant = known.recorder, known.variant
+                return SearchEnd(base, known.point, known.variant, reachable, False)
+            laguerre = known.starts
+        else:
+            laguerre = yield from laguerre_slices(base, _extremes(variants))
         reachable = laguerre[0].criterion + ALLOWANCE
         starts = _distinct(laguerre, most or self.n_starts)
         best = yield from self._best_of(starts, reachable, None, where)
         assert self.variant is not None
         return SearchEnd(base, best, self.variant, reachable, False)
 
+    def _keep_start(self, name: str, point: Point) -> None:
+        self.starts.append(Start(name, coefficients(point), mean_square(point)))
+
     def _nearby(self, base: Problem, variant: Variant, near: Complex) -> Slices[SearchEnd]:
         """Where poles lead that the record may well have, in place of Laguerre starts."""
         own, at = Recorder(), partial(evaluate_variant, base, variant)
         point = (yield from finishing(at, at(base.admissible(near)[0]), own, MOST_TRIED))[0]
-        self.starts.append(Start(AT_ONCE, coefficients(point), mean_square(point)))
+        self._keep_start(AT_ONCE, point)
         self.recorder, self.variant = own, variant
         return SearchEnd(base, point, variant, np.inf, False)
 
@@ -326,7 +339,7 @@ class Search:
             if criterion(point) >= reachable:
                 self.followed.append(found)
         point = found.point
-        self.starts.append(Start(name, coefficients(point), mean_square(point)))
+        self._keep_start(name, point)
         if best is not None and criterion(best) <= criterion(point):
             return best
         self.recorder, self.variant = Recorder(), variant

@@ -39,7 +39,7 @@ from tridentify.estimation.likelihood.setup.problem import (
 from tridentify.estimation.likelihood.thresholds import PASS_HELPED
 from tridentify.models.parallel import ParallelFit, fit_parallel
 from tridentify.models.series import SeriesFit, fit_series
-from tridentify.numerics.arrays import Complex
+from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.numerics.realization import roots_of
 from tridentify.numerics.slices import Slices
 
@@ -96,9 +96,7 @@ def _in_machine_code(
     """`adapting`, many passes a call."""
     from tridentify.estimation.search.compiled_passes import adapted
 
-    flat = base.flat
-    assert flat is not None
-    scales = np.stack([flat.counts, FLOOR * base.power, ROUNDING_SQUARED * base.size * flat.counts])
+    scales = scales_of(base)
     state, limits = np.array([np.inf, 0.0]), limits_of(base)
     together = max(1, TOGETHER // sum(e.n_samples for e in base.experiments))
     lowest, best, note, made, is_over = np.inf, poles, "", 0, False
@@ -109,14 +107,36 @@ def _in_machine_code(
         is_over, count, visited, notes, costs, poles = adapted(
             *known, base.biproper, poles, scales, limits, PASS_HELPED, state, count
         )
-        for place, cost, done in zip(visited[:count], costs.tolist(), notes.tolist(), strict=False):
-            recorder.later(partial(_pass_at, base, variant, place, note))
-            note = NOTES[done]
+        note = record(recorder, base, variant, visited[:count], notes, note)
+        for place, cost in zip(visited[:count], costs.tolist(), strict=False):
             if cost < lowest:
                 lowest, best = cost, place
         made += count
     yield
     return evaluate_variant(base, variant, best)
+
+
+def scales_of(base: Problem) -> Array:
+    """(3, n_outputs) samples, floors of the variances, and sums of squares that are rounding."""
+    flat = base.flat
+    assert flat is not None
+    exact = ROUNDING_SQUARED * base.size * flat.counts
+    return np.stack([flat.counts, FLOOR * base.power, exact])
+
+
+def record(
+    recorder: Recorder,
+    base: Problem,
+    variant: Variant,
+    visited: Complex,
+    notes: Indices,
+    note: str = "",
+) -> str:
+    """Tell a recorder the passes of machine code; what was done to the poles after the last."""
+    for place, done in zip(visited, notes.tolist(), strict=False):
+        recorder.later(partial(_pass_at, base, variant, place, note))
+        note = NOTES[done]
+    return note
 
 
 def _pass_at(base: Problem, variant: Variant, poles: Complex, note: str, number: int) -> Pass:

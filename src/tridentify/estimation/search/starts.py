@@ -33,9 +33,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from tridentify.estimation.likelihood.charted import shifts
 from tridentify.estimation.likelihood.setup.problem import Problem, Variant
-from tridentify.estimation.search.band import SPREAD_DAMPING, rate_limits, spread_poles
-from tridentify.estimation.search.banks import Banks, kept_columns, shifts
+from tridentify.estimation.search.band import (
+    SPREAD_DAMPING,
+    rate_limits,
+    spread_between,
+    spread_poles,
+)
+from tridentify.estimation.search.banks import Banks, kept_columns
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.kept import cached_property
 from tridentify.numerics.least_squares import solve, triangle
@@ -287,8 +293,25 @@ def _laguerre(
     poles = np.repeat(gammas[:, None], _most(base, MOST_FUNCTIONS), axis=1)
     groups = base.groups if filtered else ()
     filters = [tuple(np.full(g.order + 1, gamma) for g in groups) for gamma in gammas]
-    labels = [f"Laguerre {rate:.3g} rad/s" for rate in rates]
+    labels = [laguerre_label(rate) for rate in rates]
     return _starts(base, variants, poles, filters, rates.tolist(), labels)
+
+
+def laguerre_label(rate: float) -> str:
+    """The operators in words."""
+    return f"Laguerre {rate:.3g} rad/s"
+
+
+def laguerre_poles(base: Problem) -> tuple[Complex, int]:
+    """The whole grid with the filter of one denominator behind, and the number of functions."""
+    most = _most(base, MOST_FUNCTIONS)
+    return _grid_poles(*rate_limits(base), most + base.n_poles + 1), most
+
+
+@lru_cache(maxsize=32)
+def _grid_poles(low: float, high: float, count: int) -> Complex:
+    """For alike records; nobody may write into them."""
+    return np.repeat(-_grid(low, high).astype(np.complex128)[:, None], count, axis=1)
 
 
 def spread_starts(base: Problem, variants: Sequence[Variant]) -> list[ParallelStart]:
@@ -333,17 +356,25 @@ def enriched_starts(base: Problem, variant: Variant, poles: Complex) -> Slices[l
     low, high = rate_limits(base)
     found: list[ParallelStart] = []
     rate, filters = float(np.sqrt(low * high)), base.split(poles)
-    sets: dict[int, list[tuple[float, Complex]]] = {}
-    for damping in SPREAD_DAMPING:
-        spread = spread_poles(base, damping, _most(base, MOST_SPREAD) // 2)
-        sets.setdefault(spread.size, []).append((damping, spread))
-    for alike in sets.values():
-        yield from (None for _ in alike)
-        operators = np.stack([np.concatenate([poles, poles, spread]) for _, spread in alike])
-        labels = [f"the poles so far and a spread, damping {damping:g}" for damping, _ in alike]
-        n = len(alike)
+    for dampings, spread in _spreads(low, high, _most(base, MOST_SPREAD) // 2):
+        yield from (None for _ in dampings)
+        n = len(dampings)
+        operators = np.hstack([np.tile(poles, (n, 2)), spread])
+        labels = [f"the poles so far and a spread, damping {damping:g}" for damping in dampings]
         found += _starts(base, [variant], operators, [filters] * n, [rate] * n, labels, whole=True)
     return sorted(found, key=lambda start: start.criterion)
+
+
+@lru_cache(maxsize=32)
+def _spreads(low: float, high: float, count: int) -> list[tuple[list[float], Complex]]:
+    """Dampings that give as many poles, and these; nobody may write into them."""
+    sets: dict[int, list[float]] = {}
+    for damping in SPREAD_DAMPING:
+        sets.setdefault(spread_between(low, high, damping, count).size, []).append(damping)
+    return [
+        (alike, np.stack([spread_between(low, high, one, count) for one in alike]))
+        for alike in sets.values()
+    ]
 
 
 def parallel_criteria(problem: Problem, rates: Array, most: int) -> Array:
@@ -374,25 +405,21 @@ def _starts(
 ) -> list[ParallelStart]:
     """Several banks with as many operators each, every choice of nuisance terms."""
     most = poles.shape[1]
-    covering = [_covering(own) for own in filters]
-    banks = Banks.of(base, np.column_stack([poles, np.stack(covering)]))
-    fewest = most if whole else min(max(group.order for group in base.groups) + 1, most)
-    orders, criteria = banks.orders(variants, most, fewest)
+    every = np.hstack([poles, np.stack([_covering(own) for own in filters])])
+    fewest = most if whole else fewest_functions(base, most)
+    banks, orders, criteria = Banks.ranked(base, every, variants, most, fewest)
     return [
-        ParallelStart(
-            label,
-            base,
-            variant,
-            int(orders[k, v]),
-            float(criteria[k, v]),
-            rates[k],
-            filters[k],
-            banks,
-            k,
+        ParallelStart(label, base, variant, order, criterion, rates[k], filters[k], banks, k)
+        for k, (label, own, prices) in enumerate(
+            zip(labels, orders.tolist(), criteria.tolist(), strict=True)
         )
-        for k, label in enumerate(labels)
-        for v, variant in enumerate(variants)
+        for variant, order, criterion in zip(variants, own, prices, strict=True)
     ]
+
+
+def fewest_functions(base: Problem, most: int) -> int:
+    """That a parallel model has, to be reduced to the poles asked for."""
+    return min(max(group.order for group in base.groups) + 1, most)
 
 
 def _covering(filters: Sequence[Complex]) -> Complex:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -206,7 +206,7 @@ class Problem:
         return FlatCharts.of(self.experiments)
 
     @cached_property
-    def charted(self) -> dict[Variant | None, Any]:
+    def charted(self) -> dict[Hashable, Any]:
         """What machine code is given of choices of nuisance terms (`charted.given`)."""
         return {}
 

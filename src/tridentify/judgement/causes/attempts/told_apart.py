@@ -267,24 +267,26 @@ class _Regression(NamedTuple):
     lags : (q - 1,) array of int
         Of each column, none of constants.
     is_output : (q - 1,) array of bool
+    apart : int
+        First columns none of which follows from those before.
     """
 
     triangle: Array
     rows: int
     lags: Array
     is_output: Array
+    apart: int
 
     def left(self, inputs: int, outputs: int) -> tuple[float, int]:
         """Sum of squares that so many lags of each leave, and its degrees of freedom."""
         if not self.rows:
             return 0.0, 0
         taken = self.lags <= np.where(self.is_output, outputs, inputs)
-        known, wanted = self.triangle[:, :-1][:, taken], self.triangle[:, -1]
-        scale = np.maximum(np.linalg.norm(known, axis=0), 1e-300)
-        k = len(scale)
-        if taken[:k].all() and bool(np.all(np.abs(known.diagonal()) > FREE * scale)):
-            # first columns of the triangle, none of which follows from those before
+        k, wanted = int(np.count_nonzero(taken)), self.triangle[:, -1]
+        if k <= self.apart and taken[:k].all():
             return float(wanted[k:] @ wanted[k:]), self.rows - k
+        known = self.triangle[:, :-1][:, taken]
+        scale = np.maximum(np.linalg.norm(known, axis=0), 1e-300)
         fitted, _, rank, _ = np.linalg.lstsq(known / scale, wanted, rcond=1e-12)
         left = wanted - (known / scale) @ fitted
         return float(left @ left), self.rows - int(rank)
@@ -328,4 +330,8 @@ def _regression(
                 rows, top = rows + count, size
     of = [one for one, width in zip(sources, widths, strict=True) for _ in range(width)]
     own = np.array([(False, 0)] * levels + of, dtype=int)
-    return _Regression(r, rows, own[:, 1], own[:, 0] == 1)
+    known = r[:, :-1]
+    scale = np.maximum(np.sqrt(np.einsum("ij,ij->j", known, known)), 1e-300)
+    is_own = np.abs(known.diagonal()) > FREE * scale
+    apart = is_own.size if is_own.all() else int(np.argmin(is_own))
+    return _Regression(r, rows, own[:, 1], own[:, 0] == 1, apart)
