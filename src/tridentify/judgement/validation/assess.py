@@ -29,6 +29,7 @@ from tridentify.judgement.causes.attempts.feedback import Inputs
 from tridentify.judgement.causes.attempts.fewer import VAGUE
 from tridentify.judgement.causes.attempts.first_samples import Predictions, beginning
 from tridentify.judgement.causes.sensors.input_floor import may_carry_noise
+from tridentify.judgement.validation.foretold import validate_foretold
 from tridentify.judgement.validation.known_causes import KnownCauses
 from tridentify.judgement.validation.phrases import decapitalised
 from tridentify.judgement.validation.remembered import (
@@ -154,8 +155,11 @@ def validate(
         if known is not None:
             return _with_what_was_said(known, estimate, estimate.findings, wild)
         own = fingerprint(records) == estimate.record_fingerprint
-        view = look(estimate, explained_or_refused(estimate, records), experiment, own=own)
-        found = _judge(estimate, view, level, n_lags or _lags(view))
+        if estimate.loop is not None and estimate.loop.mirrored:
+            found = validate_foretold(estimate, records, level, own=own)
+        else:
+            view = look(estimate, explained_or_refused(estimate, records), experiment, own=own)
+            found = _judge(estimate, view, level, n_lags or _lags(view))
         return _with_what_was_said(found, estimate, estimate.findings if own else (), wild)
 
 
