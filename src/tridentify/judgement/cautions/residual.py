@@ -20,6 +20,7 @@ from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.correlation import autocorrelation
 from tridentify.numerics.quantiles import root_mean_square
+from tridentify.numerics.slow_spectrum import slow_chance
 from tridentify.numerics.whiteness import input_share
 from tridentify.record.record import Record
 
@@ -28,6 +29,9 @@ ROUNDING = 1e-9
 
 LONGEST_TESTED = 20_000
 """Samples of a record that are looked at."""
+
+NO_DRIFT = 0.01
+"""Chance that noise of the spectrum beside its slow waves is as slow, from which it is noise."""
 
 MOST_LAGS = 40
 """Lags of the correlation that are looked at; `MOST_OUTSIDE` is for so many."""
@@ -109,6 +113,8 @@ def slow_findings(
             continue
         if max(record.n_samples for record in records) > MEMORIES * memory(model):
             continue
+        if parts[0][2][i] > NO_DRIFT and len(records) == 1:
+            continue  # noise that rises towards low frequencies
         found.append(
             Finding(
                 "drift",
@@ -145,11 +151,11 @@ def memory(a: Array) -> float:
 
 def _slow_parts(
     estimate: Estimate, record: Record, experiment: int, known: Predictions
-) -> tuple[Array, Array]:
-    """(n_outputs,) energy of the residual in slow waves, and in all, about its mean."""
+) -> tuple[Array, Array, Array]:
+    """(n_outputs,) energy of the residual in slow waves, in all about its mean, and its chance."""
     residual = evenly(estimate, beginning(record, LONGEST_TESTED), experiment, known)
     n, outputs = residual.shape
-    slow, whole = np.zeros(outputs), np.zeros(outputs)
+    slow, whole, chance = np.zeros((3, outputs))
     columns = slow_waves(np.linspace(0.0, 1.0, n))
     for i in range(outputs):
         seen = np.isfinite(residual[:, i])
@@ -158,7 +164,8 @@ def _slow_parts(
         one = residual[seen, i] - residual[seen, i].mean()
         basis = np.linalg.qr(columns[seen] - columns[seen].mean(axis=0))[0]
         slow[i], whole[i] = float(np.sum((basis.T @ one) ** 2)), float(one @ one)
-    return slow, whole
+        chance[i] = slow_chance(residual[:, i] - np.nanmean(residual[:, i]))
+    return slow, whole, chance
 
 
 def far_likelier(estimate: Estimate) -> list[Finding]:

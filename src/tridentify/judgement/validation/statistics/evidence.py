@@ -46,6 +46,7 @@ from tridentify.judgement.validation.statistics.likelihood_ratio import (
     whitened,
 )
 from tridentify.judgement.validation.statistics.sizes import size_of_stretches
+from tridentify.judgement.validation.statistics.slowness import slowly
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import most_coefficients
 from tridentify.numerics.kept import cached_property
@@ -200,9 +201,11 @@ class _Tests:
     def past(self) -> float:
         return self._past_and_level[0]
 
-    @property
+    @cached_property
     def level(self) -> float:
-        return self._past_and_level[1]
+        """Beside what the spectrum next to its waves foretells of the noise."""
+        found = self._past_and_level[1]
+        return max(found, slowly(self._output, self._white_fit[0])) if found < CALLED else found
 
     @cached_property
     def _white_fit(self) -> tuple[Array, Array]:
