@@ -398,8 +398,8 @@ def _with_statement(remedy: str, estimate: Estimate) -> str:
     else:
         return remedy
     return (
-        f"If the controller {kind}, state intersample='{between}' (--intersample {between}); if "
-        f"not, {remedy[0].lower()}{remedy[1:]}"
+        f"{remedy} If the controller {kind}, it may be enough to state intersample='{between}' "
+        f"(--intersample {between})."
     )
 
 
@@ -438,7 +438,7 @@ def _ahead(estimate: Estimate, records: Sequence[Record]) -> str:
 
 def _remedy(feedback: Finding) -> str:
     at_once = NO_CONTROLLER in feedback.remedy.lower()
-    told = f"{NO_CONTROLLER} else {KNOWN}" if at_once else KNOWN
+    told = f"{NO_CONTROLLER} {KNOWN}" if at_once else KNOWN
     return f"{told[0].upper()}{told[1:]}"
 
 

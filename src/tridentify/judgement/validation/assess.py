@@ -56,7 +56,7 @@ from tridentify.judgement.validation.statistics.evidence import (
 from tridentify.judgement.validation.statistics.likelihood_ratio import CALLED
 from tridentify.judgement.validation.statistics.transfer import carried_over
 from tridentify.judgement.validation.tried import may_react, starts_wild, torn_at, try_causes
-from tridentify.judgement.validation.verdict import family, findings, in_words
+from tridentify.judgement.validation.verdict import brief, family, findings, in_words
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.lagrange import holm
 from tridentify.numerics.threads import one_blas_thread
@@ -163,17 +163,6 @@ def validate(
         return _with_what_was_said(found, estimate, estimate.findings if own else (), wild)
 
 
-TO_BE_KNOWN = (
-    "not-determined",
-    "outside-the-record",
-    "at-bound",
-    "order-high",
-    "no-response",
-    "tone",
-    "feedback",
-)
-"""Of the estimate, on its own record: to be known, and mostly no objection to the model."""
-
 PASSES_FOR_KNOWN = 0.3
 """Median relative standard error below which coefficients pass for known. Then needless poles are
 an objection; where they are as vague as they are needless, their errors say so. Of right models
@@ -210,17 +199,18 @@ def _with_what_was_said(
     """
     said = list(wild)
     for one in (own for own in known if own.matters or own.code == "tone"):
-        if _stands(one, estimate):
-            said.append(one)
-        elif one.code in TO_BE_KNOWN:
-            said.append(replace(one, severity="note"))
+        said.append(one if _stands(one, estimate) else replace(one, severity="note"))
     both = joined(found.findings, said)
-    if both == found.findings:
-        return found
     verdict = found.verdict
     if any(one.matters for one in both):
-        verdict = in_words(both, found.output_names, found.transfer, found.fit.tolist())
-    elif not found.findings:
+        if both != found.findings:
+            verdict = in_words(both, found.output_names, found.transfer, found.fit.tolist())
+        return replace(found, findings=both, verdict=verdict)
+    warned = [brief(one.message) for one in known if one.matters]
+    if warned:
+        which = "; ".join(dict.fromkeys(warned))
+        verdict = f"{verdict} The estimate itself warns of its numbers. To be known: {which}."
+    elif both and not found.findings:
         verdict = f"{verdict} To be known: {decapitalised(both[0].message)}"
     return replace(found, findings=both, verdict=verdict)
 

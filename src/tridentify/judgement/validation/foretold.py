@@ -86,9 +86,7 @@ def validate_foretold(
     places = np.cumsum([one.seen.size for one in there.ahead])[:-1]
     white = tuple(one[:, None] for one in np.split(there.innovations / size, places))
     left = tuple(one[:, None] for one in errors)
-    return _assembled(
-        estimate, records, level, fits, (left, white), (tests, found, verdict), own
-    )
+    return _assembled(estimate, records, level, fits, (left, white), (tests, found, verdict), own)
 
 
 def _at(estimate: Estimate, records: Sequence[Record]) -> Together | None:

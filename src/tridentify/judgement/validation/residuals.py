@@ -244,9 +244,7 @@ def look(
     return View(kept, found, point, own, bool(np.isfinite(estimate.cov).all()), tuple(told))
 
 
-def check_channels(
-    estimate: Estimate, records: Sequence[Record], experiment: int | None
-) -> None:
+def check_channels(estimate: Estimate, records: Sequence[Record], experiment: int | None) -> None:
     """Refuse records that an estimate cannot be laid beside.
 
     Raises

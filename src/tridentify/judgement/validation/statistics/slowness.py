@@ -30,9 +30,10 @@ def slowly(output: Output, white: Array) -> float:
 
 
 def is_no_slower(view: View) -> bool:
-    """Whether no residual is slower than the spectrum of its own noise foretells."""
-    if view.uneven:
+    """Whether no residual is slower than the spectrum of its own noise foretells.
+
+    Of noise that is taken for white nothing is foretold.
+    """
+    if view.uneven or not all(one.noise.size for one in view.outputs):
         return False
-    return not any(
-        slowly(one, one.white(one.residual, one.noise)) < CALLED for one in view.outputs
-    )
+    return not any(slowly(one, one.white(one.residual, one.noise)) < CALLED for one in view.outputs)
