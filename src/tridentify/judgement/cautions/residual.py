@@ -20,7 +20,7 @@ from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.correlation import autocorrelation
 from tridentify.numerics.quantiles import root_mean_square
-from tridentify.numerics.slow_spectrum import slow_chance
+from tridentify.numerics.slow_spectrum import BY_NOISE, slow_chance
 from tridentify.numerics.whiteness import input_share
 from tridentify.record.record import Record
 
@@ -29,9 +29,6 @@ ROUNDING = 1e-9
 
 LONGEST_TESTED = 20_000
 """Samples of a record that are looked at."""
-
-NO_DRIFT = 0.01
-"""Chance that noise of the spectrum beside its slow waves is as slow, from which it is noise."""
 
 MOST_LAGS = 40
 """Lags of the correlation that are looked at; `MOST_OUTSIDE` is for so many."""
@@ -113,7 +110,7 @@ def slow_findings(
             continue
         if max(record.n_samples for record in records) > MEMORIES * memory(model):
             continue
-        if parts[0][2][i] > NO_DRIFT and len(records) == 1:
+        if parts[0][2][i] > BY_NOISE and len(records) == 1:
             continue  # noise that rises towards low frequencies
         found.append(
             Finding(

@@ -59,6 +59,7 @@ from tridentify.numerics.portmanteau import (
     portmanteau,
 )
 from tridentify.numerics.robust import median_scale
+from tridentify.numerics.slow_spectrum import BY_NOISE
 
 PRETEST = 0.05
 """p-value of whiteness up to which a noise model is fitted before other tests."""
@@ -207,7 +208,8 @@ class _Tests:
         found = self._past_and_level[1]
         if not (found < CALLED and self.noise.size):
             return found
-        return max(found, slowly(self._output, self._white_fit[0]))
+        chance = slowly(self._output, self._white_fit[0])
+        return max(found, chance) if chance > BY_NOISE else found
 
     @cached_property
     def _white_fit(self) -> tuple[Array, Array]:

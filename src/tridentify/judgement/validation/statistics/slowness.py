@@ -8,9 +8,8 @@ called for, their power is judged by that of the next faster waves (`numerics.sl
 from __future__ import annotations
 
 from tridentify.judgement.validation.residuals import Output, View
-from tridentify.judgement.validation.statistics.likelihood_ratio import CALLED
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.slow_spectrum import slow_chance
+from tridentify.numerics.slow_spectrum import BY_NOISE, slow_chance
 
 
 def slowly(output: Output, white: Array) -> float:
@@ -36,4 +35,6 @@ def is_no_slower(view: View) -> bool:
     """
     if view.uneven or not all(one.noise.size for one in view.outputs):
         return False
-    return not any(slowly(one, one.white(one.residual, one.noise)) < CALLED for one in view.outputs)
+    return not any(
+        slowly(one, one.white(one.residual, one.noise)) <= BY_NOISE for one in view.outputs
+    )
