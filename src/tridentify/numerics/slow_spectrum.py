@@ -29,8 +29,8 @@ STEEPEST = 1.0
 """Slope of the spectrum of noise, at most: that of 1/f noise."""
 SLOPES = np.linspace(0.0, STEEPEST, 21)
 BY_NOISE = 0.05
-"""Chance from which slow waves pass for noise: below it a drift that a test tells stays told. Of 1/f
-noise one series in fifteen is below 0.01."""
+"""Chance from which slow waves pass for noise: below it a drift that a test tells stays told. Of
+1/f noise one series in fifteen is below 0.01."""
 FEWEST = 4 * BESIDE
 """Samples below which the modes are not told apart."""
 
