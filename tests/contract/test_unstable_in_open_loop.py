@@ -6,7 +6,6 @@ from scipy.linalg import expm
 from scipy.signal import tf2ss
 
 from tridentify import Estimate, Record, Structure, ThreeModel, identify, validate
-from tridentify.errors import UnsupportedError
 from tridentify.identify import search
 
 CASES = {
@@ -77,8 +76,9 @@ def test_what_it_was_is_kept_in_the_file(tmp_path):
     assert again.loop.mirrored
     assert again.loop.sampling == estimate.loop.sampling
     assert again.theta.tolist() == estimate.theta.tolist()
-    with pytest.raises(UnsupportedError, match="not stable"):
-        validate(again, released(*CASES["one pole"]))
+    told = validate(again, released(*CASES["one pole"]))
+    assert told.ok
+    assert told.fit[0] == pytest.approx(estimate.fit[0], abs=1.0)
 
 
 @pytest.mark.unjudged

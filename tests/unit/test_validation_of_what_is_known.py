@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tridentify import Record, Structure, TransferFunction, identify, simulate, validate
+from tridentify.estimation.answer.finding import Finding
 
 pytestmark = pytest.mark.judged
 
@@ -60,3 +63,18 @@ def test_a_coefficient_near_zero_is_a_note_and_no_objection() -> None:
     assert found.ok
     assert [(one.code, one.severity) for one in found.findings] == [("not-determined", "note")]
     assert "To be known: standard error above half" in found.verdict
+
+
+def test_what_the_estimate_warns_of_is_named_beside_a_residual_of_noise() -> None:
+    """A residual that shows nothing is no word against needless poles or slow noise."""
+    rng = np.random.default_rng(3)
+    u = np.repeat(rng.choice([-1.0, 1.0], N // 20), 20)
+    y = simulate(TransferFunction([2.0], [1.0, 2.0]), Record(u, u, dt=DT))[:, 0]
+    record = Record(u, y + 0.5 * rng.standard_normal(N), dt=DT)
+    slow = Finding("drift", "warning", "A slow disturbance moves y: it is taken for noise.")
+    many = Finding("order-high", "warning", "0 poles explain the record as well: no more.")
+    estimate = replace(identify(record, Structure(1, 0)), findings=(many, slow), fit=np.zeros(1))
+    found = validate(estimate, record)
+    assert found.ok
+    assert {one.code for one in found.findings} == {"drift", "order-high"}
+    assert "0 poles explain the record as well; a slow disturbance moves y." in found.verdict

@@ -34,7 +34,7 @@ from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.causes.attempts.feedback import Inputs, misses
 from tridentify.judgement.causes.attempts.fewer import NO_RESPONSE, foretold
 from tridentify.judgement.causes.attempts.first_samples import beginning
-from tridentify.judgement.causes.attempts.told_apart import laws
+from tridentify.judgement.causes.attempts.told_apart import laws, rests
 from tridentify.judgement.causes.past_outputs import Told, told_by_past, told_finding
 from tridentify.judgement.validation.assess import (
     LONGEST_LOOK,
@@ -133,7 +133,7 @@ def _held(estimate: Estimate, records: Sequence[Record]) -> str:
     if _at_once(estimate) or not all(one.dt and one.behaviour == "zoh" for one in records):
         return ""
     for law in laws(records):
-        if law.lags is not None:
+        if law.lags is not None and not rests(records, law.input):
             return f"a short law of outputs tells {names[law.input]}"
     return ""
 
@@ -398,8 +398,8 @@ def _with_statement(remedy: str, estimate: Estimate) -> str:
     else:
         return remedy
     return (
-        f"If the controller {kind}, state intersample='{between}' (--intersample {between}); if "
-        f"not, {remedy[0].lower()}{remedy[1:]}"
+        f"{remedy} If the controller {kind}, it may be enough to state intersample='{between}' "
+        f"(--intersample {between})."
     )
 
 
@@ -438,7 +438,7 @@ def _ahead(estimate: Estimate, records: Sequence[Record]) -> str:
 
 def _remedy(feedback: Finding) -> str:
     at_once = NO_CONTROLLER in feedback.remedy.lower()
-    told = f"{NO_CONTROLLER} else {KNOWN}" if at_once else KNOWN
+    told = f"{NO_CONTROLLER} {KNOWN}" if at_once else KNOWN
     return f"{told[0].upper()}{told[1:]}"
 
 

@@ -73,7 +73,7 @@ def plot_residual_tests(
         if not validation.whiteness:
             for ax in own[:-1]:
                 ax.set_axis_off()
-            own[0].text(0.0, 0.5, "a residual that is rounding is not tested", fontsize=9)
+            own[0].text(0.0, 0.5, "no correlation is shown: see the notes", fontsize=9)
         else:
             _autocorrelation(own[0], validation, validation.whiteness[i])
             for j in range(n_inputs):

@@ -162,6 +162,11 @@ class Together:
         kept = values > TOLD_APART * values[0]
         return u[:, kept], (turned[kept].T / values[kept]) / size[:, None]
 
+    @property
+    def start_basis(self) -> Array:
+        """Orthonormal columns of what start, offset and levels make of ``w``."""
+        return self._basis[0]
+
     @cached_property
     def start(self) -> list[Array]:
         """Initial state, offset and levels that suit best, per experiment."""

@@ -179,7 +179,8 @@ def _without(
     end = fitted_again(estimate, kept, anew=True)
     if end is None:
         return ""
-    return f"Without them: {brought(estimate, _fits(kept, known), end)}."
+    said = brought(estimate, _fits(kept, known), end)
+    return f"Without them: {said}. Both fits are of the samples that are left."
 
 
 def _fits(records: Sequence[Record], known: Predictions) -> Array:

@@ -29,6 +29,7 @@ from tridentify.judgement.causes.attempts.feedback import Inputs
 from tridentify.judgement.causes.attempts.fewer import VAGUE
 from tridentify.judgement.causes.attempts.first_samples import Predictions, beginning
 from tridentify.judgement.causes.sensors.input_floor import may_carry_noise
+from tridentify.judgement.validation.foretold import validate_foretold
 from tridentify.judgement.validation.known_causes import KnownCauses
 from tridentify.judgement.validation.phrases import decapitalised
 from tridentify.judgement.validation.remembered import (
@@ -55,7 +56,7 @@ from tridentify.judgement.validation.statistics.evidence import (
 from tridentify.judgement.validation.statistics.likelihood_ratio import CALLED
 from tridentify.judgement.validation.statistics.transfer import carried_over
 from tridentify.judgement.validation.tried import may_react, starts_wild, torn_at, try_causes
-from tridentify.judgement.validation.verdict import family, findings, in_words
+from tridentify.judgement.validation.verdict import brief, family, findings, in_words
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.lagrange import holm
 from tridentify.numerics.threads import one_blas_thread
@@ -154,21 +155,13 @@ def validate(
         if known is not None:
             return _with_what_was_said(known, estimate, estimate.findings, wild)
         own = fingerprint(records) == estimate.record_fingerprint
-        view = look(estimate, explained_or_refused(estimate, records), experiment, own=own)
-        found = _judge(estimate, view, level, n_lags or _lags(view))
+        if estimate.loop is not None and estimate.loop.mirrored:
+            found = validate_foretold(estimate, records, level, own=own)
+        else:
+            view = look(estimate, explained_or_refused(estimate, records), experiment, own=own)
+            found = _judge(estimate, view, level, n_lags or _lags(view))
         return _with_what_was_said(found, estimate, estimate.findings if own else (), wild)
 
-
-TO_BE_KNOWN = (
-    "not-determined",
-    "outside-the-record",
-    "at-bound",
-    "order-high",
-    "no-response",
-    "tone",
-    "feedback",
-)
-"""Of the estimate, on its own record: to be known, and mostly no objection to the model."""
 
 PASSES_FOR_KNOWN = 0.3
 """Median relative standard error below which coefficients pass for known. Then needless poles are
@@ -206,17 +199,18 @@ def _with_what_was_said(
     """
     said = list(wild)
     for one in (own for own in known if own.matters or own.code == "tone"):
-        if _stands(one, estimate):
-            said.append(one)
-        elif one.code in TO_BE_KNOWN:
-            said.append(replace(one, severity="note"))
+        said.append(one if _stands(one, estimate) else replace(one, severity="note"))
     both = joined(found.findings, said)
-    if both == found.findings:
-        return found
     verdict = found.verdict
     if any(one.matters for one in both):
-        verdict = in_words(both, found.output_names, found.transfer, found.fit.tolist())
-    elif not found.findings:
+        if both != found.findings:
+            verdict = in_words(both, found.output_names, found.transfer, found.fit.tolist())
+        return replace(found, findings=both, verdict=verdict)
+    warned = [brief(one.message) for one in known if one.matters]
+    if warned:
+        which = "; ".join(dict.fromkeys(warned))
+        verdict = f"{verdict} The estimate itself warns of its numbers. To be known: {which}."
+    elif both and not found.findings:
         verdict = f"{verdict} To be known: {decapitalised(both[0].message)}"
     return replace(found, findings=both, verdict=verdict)
 

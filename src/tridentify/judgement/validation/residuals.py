@@ -203,7 +203,7 @@ def look(
     DataError
         The estimate has no such experiment.
     """
-    _check(estimate, records, experiment)
+    check_channels(estimate, records, experiment)
     identified = own or fingerprint(records) == estimate.record_fingerprint
     whose = [experiment] * len(records) if experiment is not None else [*range(len(records))]
     own = identified or experiment is not None
@@ -244,7 +244,18 @@ def look(
     return View(kept, found, point, own, bool(np.isfinite(estimate.cov).all()), tuple(told))
 
 
-def _check(estimate: Estimate, records: Sequence[Record], experiment: int | None) -> None:
+def check_channels(estimate: Estimate, records: Sequence[Record], experiment: int | None) -> None:
+    """Refuse records that an estimate cannot be laid beside.
+
+    Raises
+    ------
+    ChannelCountError
+        The channels are not those of the estimate.
+    TooFewSamplesError
+        An output was not recorded.
+    DataError
+        The estimate has no such experiment.
+    """
     wanted = (estimate.input_names, estimate.output_names)
     for record in records:
         if (record.input_names, record.output_names) != wanted:

@@ -64,7 +64,7 @@ def family(
     return found
 
 
-NO_CONTROLLER = "if no controller was running ask for as many zeros as poles;"
+NO_CONTROLLER = "if no controller was running, ask for as many zeros as poles. If one was,"
 """What to do where the output follows the input at once, before what to do about feedback."""
 
 
@@ -312,7 +312,7 @@ def _feedback(
         f"the residual of {name} is correlated with {which} {when}: the input reacts to the output "
         f"(feedback), {'' if direct else 'or '}its clock is late"
         f"{', or the output follows it at once' if direct else ''}",
-        f"{f'{NO_CONTROLLER} else ' if direct else ''}"
+        f"{f'{NO_CONTROLLER} ' if direct else ''}"
         "open the loop, or add a test signal that is large against the feedback; check that the "
         "channels share one clock",
         effect=effect,
@@ -347,7 +347,7 @@ def in_words(
         where += f" on a record that was not identified, where {best} was to be expected"
     if serious:
         text = f"{serious[0].message[:-1]} ({where})."
-        others = list(dict.fromkeys(_brief(f.message) for f in serious[1:]))
+        others = list(dict.fromkeys(brief(f.message) for f in serious[1:]))
         return text + (f" Besides, {'; '.join(others[:3])}." if others else "")
     what = "noise alone" if transfer is None else "noise and the standard errors alone"
     text = f"Nothing speaks against the model: the residual is explained by {what} ({where})."
@@ -358,6 +358,11 @@ def in_words(
     return text
 
 
-def _brief(message: str) -> str:
-    """What was found, without what it means."""
+def brief(message: str) -> str:
+    """What was found, without what it means.
+
+    Parameters
+    ----------
+    message : str
+    """
     return decapitalised(message.split(":")[0].split(" (")[0].rstrip("."))

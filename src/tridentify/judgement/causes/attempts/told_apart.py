@@ -48,6 +48,10 @@ ROUNDING = 1e-10
 it was commanded."""
 
 
+RESTING = 0.5
+"""Share of the samples at which an output moves and an input does not, from which no linear law of
+outputs moves that: it was set, whatever an output that answers at once tells of it."""
+
 FREE = 1e-5
 """Share of a column that those before it must leave for it to be one of its own without a doubt."""
 
@@ -143,6 +147,31 @@ def told_apart(law: Law, poles: int) -> bool:
     return law.lags is None or law.lags >= poles
 
 
+def rests(records: Sequence[Record], j: int) -> bool:
+    """Whether an input rests at most samples while outputs, and their noise, move.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    j : int
+        Of the input.
+
+    Examples
+    --------
+    >>> y = np.random.default_rng(0).standard_normal(40)
+    >>> held = Record(np.repeat([0.0, 1.0, -1.0, 1.0], 10), y, dt=0.1)
+    >>> rests([held], 0), rests([Record(-y, y, dt=0.1)], 0)
+    (True, False)
+    """
+    still_there = count = 0
+    for record in records:
+        still = np.diff(record.u[:, j]) == 0.0
+        with_outputs = np.any(np.abs(np.diff(record.y, axis=0)) > 0.0, axis=1)
+        still_there += int(np.count_nonzero(still & with_outputs))
+        count += int(np.count_nonzero(with_outputs))
+    return still_there > RESTING * max(count, 1)
+
+
 def loop_findings(
     records: Sequence[Record],
     poles: int,
@@ -170,7 +199,9 @@ def loop_findings(
     if not reacts and (at_once or not held):
         return []
     return [
-        _in_words(law, poles, names[law.input]) for law in laws(records) if law.lags is not None
+        _in_words(law, poles, names[law.input])
+        for law in laws(records)
+        if law.lags is not None and (reacts or not rests(records, law.input))
     ]
 
 
