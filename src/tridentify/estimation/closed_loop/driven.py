@@ -22,15 +22,21 @@ to input in a first stage of its own. U. Forssell & L. Ljung, Automatica 36 (200
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
+from tridentify.estimation.closed_loop.cheapest import TOLD_APART, cheapest
 from tridentify.estimation.closed_loop.own_poles import own_poles
 from tridentify.estimation.likelihood.thresholds import CLEARLY
 from tridentify.models.regression import Experiment, response_of
 from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.autoregression import (
+    fit_autoregression,
+    most_coefficients,
+)
 from tridentify.numerics.interpolation import between
 from tridentify.numerics.realization import cascade
 from tridentify.record.checks.rates import evaluated
@@ -56,11 +62,10 @@ MOST_OWN = 8
 STARTS = 3
 """Laguerre functions of so many rates, from which these are found: of a short record the cheapest
 may be far from them."""
+MOST_COLOUR = 10
+"""Coefficients of a model of what is left of a signal."""
 ROUNDS = 3
 """Of operators and their poles in turn: the third moves them by less than their errors."""
-TOLD_APART = 1e-6
-"""Of columns with unit length, what a column must add to those before it: below, weights would be
-large, cancel at the samples, and run away between them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,9 +197,10 @@ def driven(record: Record, *, between: bool = False, own: bool = False) -> Drive
     best = found[0].part
     if between or own:
         begun = [one for one in found if np.array_equal(one.before, best.before)]
-        lowest = found[0].criterion
+        colours = _colours(best)
+        lowest = _Described.of(record, best.before, best.poles, 1, colours).criterion
         for one in begun[:STARTS]:
-            for criterion, part in _by_own_poles(one.part, most):
+            for criterion, part in _by_own_poles(one.part, most, colours):
                 if criterion < lowest:
                     lowest, best = criterion, part
     return best
@@ -211,13 +217,20 @@ class _Described:
     criterion: float
 
     @classmethod
-    def of(cls, record: Record, before: Array, poles: Complex, each: int) -> _Described:
+    def of(
+        cls,
+        record: Record,
+        before: Array,
+        poles: Complex,
+        each: int,
+        colours: Sequence[Array] | None = None,
+    ) -> _Described:
         """Of operators with these poles, so many of which are taken together."""
         direct, references = np.asarray(record.reference), record.n_references
         signals = np.column_stack([record.u, record.y])
         states = operators(starting(record, before), poles)
         whole = columns_of(direct, states)
-        criterion, order = _cheapest(whole, signals, references, poles.size, each)
+        criterion, order = cheapest(whole, signals, references, poles.size, each, colours)
         columns = columns_of(direct, states[:, _first(order, poles.size, references)])
         return cls(record, before, poles[:order], columns, criterion)
 
@@ -229,7 +242,18 @@ class _Described:
         return Driven(self.record, self.poles, self.before, weights, self.columns)
 
 
-def _by_own_poles(part: Driven, most: int) -> list[tuple[float, Driven]]:
+def _colours(part: Driven) -> list[Array]:
+    """Autoregressive coefficients of what is left of each signal.
+
+    What a controller that integrates makes of noise is slow; taken as white it would pay for modes.
+    """
+    left = np.column_stack([part.record.u, part.record.y]) - part.columns @ part.weights
+    fewest = int(np.isfinite(left).sum(axis=0).min())
+    most = min(MOST_COLOUR, most_coefficients(fewest))
+    return [fit_autoregression([one - np.nanmean(one)], most) for one in left.T]
+
+
+def _by_own_poles(part: Driven, most: int, colours: Sequence[Array]) -> list[tuple[float, Driven]]:
     """With poles of the loop, as often as it pays, and AICc, for every number of them.
 
     Parameters
@@ -238,6 +262,8 @@ def _by_own_poles(part: Driven, most: int) -> list[tuple[float, Driven]]:
         From which the poles are found.
     most : int
         Operators.
+    colours : sequence of arrays
+        Of what is left of each signal.
     """
     record = part.record
     signals, step = np.column_stack([record.u, record.y]), starting(record, part.before).dt
@@ -253,10 +279,11 @@ def _by_own_poles(part: Driven, most: int) -> list[tuple[float, Driven]]:
             if poles is None or not often:
                 break
             own = np.tile(poles, often)
-            following = _Described.of(record, part.before, own, count)
+            following = _Described.of(record, part.before, own, count, colours)
             current = replace(following.part, about=part.rate)
-            # its poles were fitted, too
-            found.append((following.criterion + 2.0 * count, current))
+            # its poles were sought, too, among many: modes of the noise must not pay
+            price = float(np.log(record.n_samples)) * count
+            found.append((following.criterion + price, current))
     return found
 
 
@@ -431,39 +458,6 @@ def _affordable(record: Record) -> int:
 def _first(order: int, most: int, n_references: int) -> Array:
     """Positions of the first operators of every reference."""
     return np.concatenate([k * most + np.arange(order) for k in range(n_references)])
-
-
-def _cheapest(
-    columns: Array, signals: Array, n_references: int, most: int, each: int = 1
-) -> tuple[float, int]:
-    """Lowest AICc over the number of operators, a multiple of some, and that number."""
-    lead = 1 + n_references
-    # operator by operator, those of all references together: nested from left to right
-    nested = lead + np.arange(n_references * most).reshape(n_references, most).T.ravel()
-    ordered = columns[:, np.concatenate([np.arange(lead), nested])]
-    norms = np.linalg.norm(ordered, axis=0)
-    q, r = np.linalg.qr(ordered / np.where(norms > 0, norms, 1.0))
-    sound = np.abs(np.diag(r)) > TOLD_APART
-    total = 0.0
-    counts = lead + n_references * np.arange(each, most + 1, each)
-    for signal in signals.T:
-        seen = np.isfinite(signal)
-        if seen.all():
-            spent = np.cumsum(np.where(sound, q.T @ signal, 0.0) ** 2)
-            rest = np.maximum(signal @ signal - spent[counts - 1], 0.0)
-        else:
-            rest = np.array([_rest(ordered[seen, :k], signal[seen]) for k in counts])
-        n = float(seen.sum())
-        floor = 1e-20 * float(signal[seen] @ signal[seen]) + 1e-300
-        price = 2.0 * counts * n / np.maximum(n - counts - 2.0, 1.0)
-        total = total + n * np.log((rest + floor) / n) + price
-    best = int(np.argmin(total))
-    return float(np.asarray(total)[best]), (best + 1) * each
-
-
-def _rest(columns: Array, signal: Array) -> float:
-    left = signal - columns @ np.linalg.lstsq(columns, signal, rcond=None)[0]
-    return float(left @ left)
 
 
 def fitted(columns: Array, signals: Array) -> Array:
