@@ -98,4 +98,6 @@ def test_attas_report_of_both_outputs(run, shared_data, tmp_path):
     assert (tmp_path / "out" / "report.html").stat().st_size > 50_000
     assert [item["fit"] > 93 for item in document["fit"]] == [True, True]
     # the residual shows what a second-order model leaves out, and the user is told
-    assert any("The residual of" in text for text in document["warnings"])
+    told = [item["message"] for item in document["findings"]]
+    assert any("he residual of y_q" in text for text in told)
+    assert document["warnings"]

@@ -71,7 +71,7 @@ def response_finding(
         Finding(
             code,
             "warning",
-            f"{what} explain {100.0 * share:.2g} % of what the model leaves: the coefficients may "
+            f"{what} explain {100.0 * share:.3g} % of what the model leaves: the coefficients may "
             f"be off by more than their standard errors, as where an input {how}.",
             "Identify the stored record: off-line the causes are tried and named.",
         ),

@@ -150,7 +150,7 @@ def told_finding(told: Told, inputs: Sequence[str], output: str) -> Finding:
     return Finding(
         CODE,
         "warning",
-        f"Past samples of {output} tell {100.0 * told.share:.2g} % of the small moves of "
+        f"Past samples of {output} tell {100.0 * told.share:.3g} % of the small moves of "
         f"{inputs[told.input]} that its own past does not tell (by chance "
         f"{max(told.p_value, UNDERFLOW):.1g}{' or less' * (told.p_value < UNDERFLOW)}): the input "
         "reacts to the output (feedback), late or slowly.",

@@ -71,7 +71,7 @@ def _in_words(reference: str, output: str, share: float) -> Finding:
         "reference-reacts",
         "warning",
         f"The reference {reference} reacts to the noise of {output}: its small moves explain "
-        f"{100.0 * share:.2g} % of the residual. It carries the output, and the coefficients "
+        f"{100.0 * share:.3g} % of the residual. It carries the output, and the coefficients "
         "may be biased.",
         "Give the set point as the controller got it; without one leave the reference out.",
     )

@@ -209,7 +209,7 @@ def _in_words(law: Law, poles: int, name: str) -> Finding:
     memory = f"the last {law.lags + 1} samples" if law.lags else "the present sample"
     what = (
         f"{name} follows from {memory} of outputs and its own past, but for "
-        f"{100.0 * law.share:.2g} % of its unforeseen movement: a linear controller alone moves "
+        f"{100.0 * law.share:.3g} % of its unforeseen movement: a linear controller alone moves "
         "it, the set point hardly does"
     )
     remedy = (
