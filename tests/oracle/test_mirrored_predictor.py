@@ -6,7 +6,6 @@ from scipy.linalg import expm
 from scipy.signal import tf2ss
 
 from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, simulate, validate
-from tridentify.errors import UnsupportedError
 from tridentify.estimation.closed_loop import linear_errors as linear
 from tridentify.estimation.closed_loop.as_recorded import AsRecorded
 from tridentify.estimation.closed_loop.between_samples import Loop
@@ -168,11 +167,16 @@ def test_missing_outputs_do_not_matter():
     assert np.all(np.abs(estimate.theta - [0.5, -1.5, 2.0]) < 4.0 * estimate.std)
 
 
-def test_validation_refuses_what_cannot_be_simulated():
+def test_validation_tests_the_predictor_of_what_cannot_be_simulated():
     record = flown(10, [1.0, 0.5, -1.5])
     estimate = identify(record, Structure(2, 0))
-    with pytest.raises(UnsupportedError, match="not stable"):
-        validate(estimate, record)
+    found = validate(estimate, record)
+    assert found.ok
+    assert found.tests
+    assert any("one sample ahead" in note for note in found.notes)
+    # another plant's output is foretold by this one's predictor no longer
+    other = flown(11, [1.0, 0.5, -6.0])
+    assert not validate(estimate, other).ok
 
 
 @pytest.mark.slow

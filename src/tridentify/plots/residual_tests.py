@@ -34,6 +34,8 @@ MOST_TICKS = 9
 MOST_NUMBERED = 4
 """Experiments beside each other that leave room for a word."""
 
+UNTESTED = "no correlation is shown: what is left is rounding, or a predictor's (see the notes)"
+
 
 def plot_residual_tests(
     validation: Validation, *, axes: Sequence[Axes] | None = None
@@ -73,7 +75,7 @@ def plot_residual_tests(
         if not validation.whiteness:
             for ax in own[:-1]:
                 ax.set_axis_off()
-            own[0].text(0.0, 0.5, "no correlation is shown: see the notes", fontsize=9)
+            own[0].text(0.0, 0.5, UNTESTED, fontsize=9)
         else:
             _autocorrelation(own[0], validation, validation.whiteness[i])
             for j in range(n_inputs):

@@ -36,6 +36,7 @@ NO_RESPONSE_BESIDE = (
 )
 LAGS = (0, 1, 2, 3, 4, 6, 8, 12, 16, 24)
 """Samples ago at which inputs are looked for in what the predictor leaves."""
+INPUTS, REFERENCES = "past inputs", "past references"
 NOT_TESTED = "its predictor cannot be made of these records: nothing was tested"
 
 
@@ -102,10 +103,12 @@ def _at(estimate: Estimate, records: Sequence[Record]) -> Together | None:
 
 
 def _tests(there: Together, records: Sequence[Record], level: float) -> tuple[Check, ...]:
-    """Whether the innovations are white and know nothing of past inputs.
+    """Whether the innovations are white and know nothing of what moved the plant before.
 
-    Coefficients and noise are taken as fitted to these records, to first order: on others that
-    allows for their errors.
+    That is the references, where there are some: a controller made the inputs of past outputs, and
+    mirrored poles make the errors of past noise. Without them it is the inputs. Coefficients and
+    noise are taken as fitted to these records, to first order: on others that allows for their
+    errors.
     """
     name = records[0].output_names[0]
     finite = np.isfinite(there.columns).all()
@@ -116,15 +119,18 @@ def _tests(there: Together, records: Sequence[Record], level: float) -> tuple[Ch
     places = np.cumsum([one.size for one in seen])[:-1]
     lags = max(most_coefficients(there.count), there.noise.size + 4)
     found = autocorrelation_of_fit(np.split(left, places), seen, np.split(basis, places), lags)
+    referred = [record.reference for record in records if record.reference is not None]
+    outer = referred if len(referred) == len(records) else [record.u for record in records]
+    what = REFERENCES if outer is referred else INPUTS
     past = np.vstack(
         [
-            one.white(moved(record.u - record.u[0], LAGS), there.noise)
-            for one, record in zip(there.ahead, records, strict=True)
+            one.white(moved(moves - moves[0], LAGS), there.noise)
+            for one, moves in zip(there.ahead, outer, strict=True)
         ]
     )
     values = {
         "white": portmanteau(found, there.noise).p_value,
-        "past inputs": added(left, basis, span(past, basis), there.count).p_value,
+        what: added(left, basis, span(past, basis), there.count).p_value,
     }
     rejected = holm(np.array(list(values.values())), 1.0 - level)
     pairs = zip(values.items(), rejected, strict=True)
@@ -141,12 +147,12 @@ def _findings(tests: Sequence[Check], name: str) -> tuple[Finding, ...]:
     """What the innovations still hold."""
     rejected = {one.name for one in tests if one.rejected}
     found = []
-    if "past inputs" in rejected:
+    for what in rejected & {INPUTS, REFERENCES}:
         found.append(
             one_finding(
                 "unmodelled-response",
                 name,
-                f"what the predictor of {name} leaves follows past inputs: part of the response is "
+                f"what the predictor of {name} leaves follows {what}: part of the response is "
                 "missing, or the model of the noise stands for some of it",
                 "try other orders, a delay or as many zeros as poles; a predictor of a wrong "
                 "structure may end on a pole that is not there",
