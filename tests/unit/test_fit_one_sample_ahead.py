@@ -41,6 +41,7 @@ def test_a_low_fit_is_told_beside_what_is_foreseen_one_sample_ahead() -> None:
     assert fit < LOW < plain < known
 
 
+@pytest.mark.slow
 def test_nothing_is_said_of_a_fit_that_is_not_low_nor_of_two_outputs() -> None:
     record, _ = slow_noise(1, 0.02, 200)
     estimate = fitted(record)
