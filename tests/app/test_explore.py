@@ -80,6 +80,7 @@ def test_a_port_in_use_is_told(refused):
     assert f"found the port {port} in use" in said
 
 
+@pytest.mark.slow
 def test_a_session_is_open_in_one_workbench_at_a_time(refused, tmp_path):
     from tridentify.app import start
     from tridentify.app.session import Session

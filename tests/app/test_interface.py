@@ -638,6 +638,7 @@ def test_options_are_listed_with_their_words(ask):
 
 
 # ----------------------------------------------------------------------------------------- session
+@pytest.mark.slow
 def test_a_session_comes_back_after_its_process_was_killed(folder, tmp_path):
     """The file is opened a second time while the first process never said good-bye."""
     first = Bench(Session(tmp_path / "s.sqlite"), folder)

@@ -14,6 +14,7 @@ pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 from in_browser import TOKEN, expect, serving, tab
 
 
+@pytest.mark.slow
 def test_a_range_of_a_million_samples_is_identified_on_release(seen):
     seen.open("long.parquet")
     expect(seen.page.locator(".card.record.current")).to_contain_text("1,000,000 samples")
@@ -68,6 +69,7 @@ def test_a_record_changes_under_its_models(seen):
     seen.use("alpha", "output")
 
 
+@pytest.mark.slow
 def test_a_validation_range_and_bad_samples_are_kept_and_undone(seen):
     seen.open("first.csv")
     rows = seen.page.locator(".row.range")

@@ -109,6 +109,7 @@ def test_where_a_sensor_hung_is_left_out_by_a_button(seen):
     expect(seen.page.locator(".row.range .swatch.bad")).to_have_count(0)
 
 
+@pytest.mark.slow
 def test_each_of_several_sensors_that_hung_has_a_button(seen):
     doubts = [{"code": "stuck-sensor", "severity": "error", "message": f"{name} hung.",
                "outputs": [name], "times": times, "remedy": "Mark the repeats as missing (nan)."}

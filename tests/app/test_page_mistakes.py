@@ -159,6 +159,7 @@ def test_a_step_that_is_no_number_is_named(seen):
     seen.page.get_by_label("Close this message").click()
 
 
+@pytest.mark.slow
 def test_a_comparison_on_a_record_of_other_channels_names_them(seen):
     seen.open("odd & <i>new.csv")
     seen.open("first.csv")

@@ -67,6 +67,7 @@ def test_names_are_text_and_never_markup(seen):
     assert seen.page.locator("#tray img, #record img, #tray .channels b").count() == 0
 
 
+@pytest.mark.slow
 def test_every_control_is_reached_by_the_tab_key(seen):
     seen.open("first.csv")
     seen.at_rest()

@@ -80,6 +80,7 @@ def test_a_population_that_cannot_be_told_does_not_hide_the_common_model(run, tm
 
 
 @pytest.mark.undrawn
+@pytest.mark.slow
 def test_together_and_pool_are_told_and_a_unit_apart_gets_its_report(run, tmp_path):
     rng = np.random.default_rng(2)
     truth = fleets.TRUTH * np.exp(0.05 * rng.standard_normal((32, 3)))

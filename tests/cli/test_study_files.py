@@ -35,6 +35,7 @@ def test_a_file_is_run_and_leaves_its_folder(run, file, tmp_path):
     assert (out / "cells.svg").read_text().lstrip().startswith("<?xml")
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_and_says_so(run, file, tmp_path):
     asked = ["study", file, "--workers", 1, "--out", tmp_path / "out", "--json"]
     first = json.loads(run(*asked, "--draws", 1).out)

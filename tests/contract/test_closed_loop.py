@@ -202,6 +202,7 @@ def beside_measured(record, **options):
 
 
 @pytest.mark.unjudged
+@pytest.mark.slow
 def test_a_switched_reference_is_held_beside_a_measured_input_unasked():
     record = beside_measured(driven(5, "zoh", n=240, noise=0.05))
     found = tri.identify(record, ORDERS, tri.ThreeModel(controller="continuous", noise="white"))

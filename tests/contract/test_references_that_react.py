@@ -55,7 +55,7 @@ def test_a_reference_that_carries_the_output_is_told(given, seed):
 
 @pytest.mark.parametrize("kind", list(RIGHT))
 @pytest.mark.parametrize("sensor", [0.0, 0.05])
-@pytest.mark.fast("0.05-levels")
+@pytest.mark.slow
 def test_a_reference_that_was_measured_is_none_of_these(kind, sensor):
     u, y, r = loop(2, kind)
     noise = sensor * np.random.default_rng(9).standard_normal(r.size)

@@ -56,6 +56,7 @@ def test_experiments_without_a_reference_are_told_beside_others():
     assert len(told) == 1
 
 
+@pytest.mark.slow
 def test_experiments_without_a_reference_have_no_part_beside_those_with_one():
     rng, r = np.random.default_rng(5), np.repeat([0.0, 1.0, -1.0, 1.0], 100)
     noise = 0.02 * rng.standard_normal((r.size, 1))

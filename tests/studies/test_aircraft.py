@@ -229,6 +229,7 @@ def test_a_dead_process_is_one_clear_error():
     ("number", "workers"),
     [(signal.SIGINT, 1), pytest.param(signal.SIGKILL, 2, marks=pytest.mark.slow)],
 )
+@pytest.mark.slow
 def test_no_process_outlives_the_caller(number, workers):
     """Ctrl-C reaches the whole group; a kill reaches the caller only."""
     program = (

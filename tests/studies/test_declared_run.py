@@ -73,6 +73,7 @@ def test_a_result_is_what_studies_give(undisturbed: list[dict[str, Any]]) -> Non
     assert list(result.to_frame()["coefficient"][:4]) == ["a0", "b0", "a0", "b0"]
 
 
+@pytest.mark.slow
 def test_two_processes_give_the_numbers_of_one(undisturbed: list[dict[str, Any]]) -> None:
     counts: list[tuple[int, int]] = []
     result = run_study(

@@ -107,17 +107,20 @@ def test_a_sensor_that_hangs(good, length):
     assert times[-1] == pytest.approx((199 + length) * DT)
 
 
+@pytest.mark.slow
 def test_a_response_without_noise_does_not_hang_at_rest():
     u = np.concatenate([np.zeros(100), held(3, 300), np.zeros(400)])
     y = simulate(SYSTEM, Record(u, u, dt=DT))
     assert "stuck-sensor" not in codes(advise(Record(u, y, dt=DT)))
 
 
+@pytest.mark.slow
 def test_a_saturated_sensor(good):
     found = advise(Record(good.u, np.clip(good.y, -0.5, 0.5), dt=DT))
     assert "saturation" in codes(found)
 
 
+@pytest.mark.slow
 def test_a_coarse_converter(good):
     found = advise(Record(good.u, 0.1 * np.round(good.y / 0.1), dt=DT))
     assert "quantisation" in codes(found)
@@ -147,6 +150,7 @@ def test_many_operators_do_not_stand_for_a_delay_before_two_lags(seed):
     assert seen.fall > 25.0
 
 
+@pytest.mark.slow
 def test_a_measured_input_stated_as_held():
     fine = lfilter([0.05], [1.0, -0.95], np.repeat(held(7), 10))
     y = simulate(SYSTEM, Record(fine, fine, dt=DT / 10))[::10, 0]
@@ -310,7 +314,7 @@ def test_an_input_is_not_taken_to_act_on_what_wanders_by_itself(seed):
 
 
 @pytest.mark.parametrize("seed", range(4))
-@pytest.mark.fast("0")
+@pytest.mark.slow
 def test_a_late_or_a_weak_response_is_not_denied(seed):
     u = held(seed, 500, 15)
     late = TransferFunction([8.0], [1.0, 1.2, 16.0], delay=3.0)

@@ -41,6 +41,7 @@ def errors(seeds: range) -> np.ndarray:
     return np.array(found)
 
 
+@pytest.mark.slow
 def test_a_start_that_moves_the_loop_is_no_noise() -> None:
     assert np.max(np.abs(errors(range(72, 73)))) < 4.0
 

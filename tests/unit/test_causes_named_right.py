@@ -429,6 +429,7 @@ def test_a_spike_inside_a_loop_stays_a_bad_sample(seed):
 
 
 @pytest.mark.parametrize("seed", [41, *(pytest.param(k, marks=pytest.mark.slow) for k in (42, 44))])
+@pytest.mark.slow
 def test_one_step_of_three_lags_asked_as_two_poles_is_no_bend(seed):
     rng = np.random.default_rng(seed)
     u = np.where(np.arange(150) >= 20, 30.0, 0.0)

@@ -202,7 +202,7 @@ def test_far_samples_where_the_input_moves_are_not_called_bad(at, severity):
     [2, *(pytest.param(k, marks=pytest.mark.slow) for k in (3, 5, 8))],
 )
 @pytest.mark.parametrize("step", [0.0, 0.3])
-@pytest.mark.fast("0.3-2")
+@pytest.mark.slow
 def test_slow_sensor_is_named_with_its_factor_and_a_remedy(factor, step):
     record, sigma = noisy(11, n_samples=960)
     y = np.repeat(record.y[::factor, 0], factor)

@@ -30,6 +30,7 @@ def test_quantisation_comes_first(seed: int, noise: float, step: float) -> None:
     assert [one.code for one in found if one.matters][:1] == ["quantisation"]
 
 
+@pytest.mark.slow
 def test_a_cause_beyond_the_steps_is_named_all_the_same() -> None:
     """A delay of six samples moves the output by more than a step."""
     record = thermometer(4, 0.1, 0.1)

@@ -33,7 +33,7 @@ def codes(record, structure):
 
 
 @pytest.mark.parametrize(("seed", "code"), [(1, -999.0), (2, 9999.0), (3, -1e6)])
-@pytest.mark.fast("3-*")
+@pytest.mark.slow
 def test_a_code_for_missing_values_is_told_first(seed, code):
     rng, u, y, dt = plant(seed)
     at = int(rng.integers(50, 450))

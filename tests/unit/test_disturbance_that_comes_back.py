@@ -31,6 +31,7 @@ def room(seed: int) -> Record:
     ("seed", "said"),
     [(3, 1), *(pytest.param(k, k == 4, marks=pytest.mark.slow) for k in (4, 6, 7, 8, 9))],
 )
+@pytest.mark.slow
 def test_the_day_is_named_and_no_order(seed, said):
     """Where the noise model takes all of it, nothing has to be said."""
     found = identify(room(seed), Structure(2, 1), throw=False).findings
@@ -53,6 +54,7 @@ def test_a_mode_that_rings_is_an_order(damping):
 
 
 @pytest.mark.parametrize("seed", [2, *(pytest.param(k, marks=pytest.mark.slow) for k in range(9))])
+@pytest.mark.slow
 def test_what_wanders_does_not_come_back(seed):
     rng = np.random.default_rng(seed)
     u = np.repeat(rng.choice([-1.0, 1.0], 60), 10)

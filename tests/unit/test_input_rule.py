@@ -113,7 +113,7 @@ def test_a_part_of_a_rule_is_none_however_little_it_leaves(seed):
 
 
 @pytest.mark.parametrize("every", [2, 3])
-@pytest.mark.fast("2")
+@pytest.mark.slow
 def test_a_computer_slower_than_the_record_holds_its_input_for_all_to_see(every):
     """No rule of the samples makes such an input, and it would count as continuous."""
     record = sampled(9, every=every)

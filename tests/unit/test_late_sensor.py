@@ -21,6 +21,7 @@ def two_inputs(seed: int, late: float) -> Record:
 
 
 @pytest.mark.parametrize("seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in (2, 3))])
+@pytest.mark.slow
 def test_one_delay_of_all_inputs_is_named_first(seed: int) -> None:
     record = two_inputs(seed, LATE)
     first = validate(identify(record, Structure(2, 0)), record).findings[0]

@@ -102,7 +102,7 @@ def test_an_encoder_that_hangs_is_still_told():
 
 
 @pytest.mark.parametrize("seed", [4, 5, 6])
-@pytest.mark.fast("4")
+@pytest.mark.slow
 def test_of_a_level_that_is_cut_off_the_limit_is_told_and_no_outliers(seed):
     found = serious(identify(tank(seed), Structure(1, 0), throw=False).findings)
     assert found[0] == "saturation"

@@ -119,6 +119,7 @@ def test_noise_of_a_smooth_input_is_told_unless_it_acted(acts, seed):
 
 
 @pytest.mark.parametrize("seed", [3, pytest.param(4, marks=pytest.mark.slow)])
+@pytest.mark.slow
 def test_noise_of_a_sweep_is_told_and_no_bend_is_seen_in_it(seed):
     rng = np.random.default_rng(seed)
     t = np.arange(400) * DT

@@ -64,6 +64,7 @@ def test_another_record_of_opposite_sign_or_in_other_units(seed):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.slow
 def test_another_plant_is_no_delay_and_no_bad_samples(seed):
     rng = np.random.default_rng(seed)
     estimate = identify(recorded(rng), ORDER)

@@ -60,6 +60,7 @@ def coloured(rng, n_samples, size):
 @pytest.mark.parametrize(
     "seed", [3, *(pytest.param(k, marks=pytest.mark.slow) for k in (20, 21, 22))]
 )
+@pytest.mark.slow
 def test_one_step_of_two_lags_that_were_taken_for_a_lag_and_a_delay(seed):
     record = heater(seed)
     estimate = identify(record, Structure(1, 0, delay="free"))

@@ -119,8 +119,8 @@ def test_signals_whose_products_of_variances_are_no_numbers_are_not_identified_f
         ),
     ],
 )
-@pytest.mark.fast("0-0-37")
 @pytest.mark.judged
+@pytest.mark.slow
 def test_what_just_enters_is_identified_and_judged_as_in_any_unit(into, out, time):
     plain = identify(Record(U, Y, dt=0.1), FIRST, OutputError(), throw=False)
     record = Record(U * 10.0**into, Y * 10.0**out, dt=0.1 * 10.0**time)

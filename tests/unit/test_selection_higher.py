@@ -44,7 +44,7 @@ def test_a_third_resonance_asks_for_six_poles(seed):
 
 
 @pytest.mark.parametrize(("n_modes", "noise"), [(2, 0.05), (2, 1.0), (1, 0.05)])
-@pytest.mark.fast("1-0.05")
+@pytest.mark.slow
 def test_nothing_joins_where_four_poles_are_enough(n_modes, noise):
     assert asked(resonances(5, n_modes, noise)) == []
 

@@ -168,7 +168,7 @@ def stiffening(place, speed):
     ],
 )
 @pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.fast("1-by_its_square*")
+@pytest.mark.slow
 def test_damping_by_the_square_of_the_speed_is_told_from_friction(
     seed, against, said, kind, remedy
 ):

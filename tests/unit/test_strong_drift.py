@@ -25,6 +25,7 @@ def drifting(model: TransferFunction, seed: int, moves: int) -> Record:
     return Record(u, clean + noise + np.linspace(0.0, 6.0, u.size) * clean.std(), dt=0.05)
 
 
+@pytest.mark.slow
 def test_beside_one_pole_it_is_told_first():
     first = identify(drifting(TransferFunction([2.0], [1.0, 2.0]), 2, 22), (1, 0)).findings[0]
     assert first.code == "drift"

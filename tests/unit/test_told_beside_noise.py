@@ -30,6 +30,7 @@ def clean(plant: TransferFunction, u: Array, dt: float) -> Array:
 @pytest.mark.parametrize(
     ("shape", "seed"), [("line", 4), pytest.param("warming up", 2, marks=pytest.mark.slow)]
 )
+@pytest.mark.slow
 def test_a_drift_that_the_noise_model_took_is_named(shape: str, seed: int) -> None:
     """Long autoregressions explain a drift; the coefficients hold, the fit does not."""
     rng = np.random.default_rng(seed)

@@ -48,6 +48,7 @@ def worst(seed: int, kind: str, a0: float = 4.0) -> float:
     return float(np.max(np.abs((one.theta - [1.2, a0, 3.0]) / one.std)))
 
 
+@pytest.mark.slow
 def test_errors_reach_the_truth_under_a_bent_controller() -> None:
     assert worst(3, "bent") < 4.0
 

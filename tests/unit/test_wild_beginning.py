@@ -22,7 +22,7 @@ def woken(seed: int, n_samples: int = 500) -> tuple[Record, tuple[float, ...]]:
 
 
 @pytest.mark.parametrize("seed", range(6))
-@pytest.mark.fast("0")
+@pytest.mark.slow
 def test_they_are_left_out_and_named_first(seed):
     record, times = woken(seed)
     estimate = identify(record, Structure(2, 0))
