@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from tridentify.numerics.arrays import Array
 from tridentify.online.kernels import slots
 from tridentify.online.saved.state import Flag, State
 from tridentify.online.search import TRIED, first_try
+from tridentify.online.unexplained import doubt_finding
 
 WORTH_TELLING = 1.05  # standard errors that differ by less tell nobody anything
 BIASED = 1.5  # times wider: an equation error that follows its own past
@@ -28,9 +30,18 @@ def with_findings(state: State, estimate: Estimate) -> Estimate:
     estimate : Estimate
     """
     found = (
-        *estimate.findings, *_changes(state), *_excitation(estimate), *_samples(state),
+        *estimate.findings, *_remembered(state, estimate.findings), *_changes(state),
+        *_excitation(estimate), *_samples(state),
     )  # fmt: skip
     return replace(estimate, findings=ranked(found))
+
+
+def _remembered(state: State, told: Sequence[Finding]) -> tuple[Finding, ...]:
+    """What spoke against the model in samples that are gone, unless those at hand say the same."""
+    doubt = state.stage.doubt
+    if doubt is None or any(one.code == doubt.code for one in told):
+        return ()
+    return (doubt_finding(doubt),)
 
 
 def noise_finding(white: Array, cov: Array) -> tuple[Finding, ...]:

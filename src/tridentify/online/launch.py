@@ -7,10 +7,12 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from tridentify.errors import TridentifyError
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.likelihood.choose_nuisance import Finished
 from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.numerics.slices import Slices
@@ -23,6 +25,7 @@ from tridentify.online.saved.state import State
 from tridentify.online.search import FoundPoles, far_off, judged_poles, record_of, searching
 from tridentify.online.starting import admissible, calm, rearranged, run_kept, take_clocks, without
 from tridentify.online.summary import moved
+from tridentify.online.unexplained import doubting
 
 MOVE_ROUNDS = 3
 """Times that the search is repeated without the samples that its model finds doubtful."""
@@ -248,6 +251,21 @@ class Turn:
     move: bool
 
 
+class Followed(NamedTuple):
+    """What the slow clock has come to.
+
+    Attributes
+    ----------
+    to : Launch, Turn or None
+        How to go on; None leaves all as it is.
+    doubt : Doubt or None
+        What speaks against the model in samples that are about to be dropped.
+    """
+
+    to: Launch | Turn | None
+    doubt: layout.Doubt | None
+
+
 def following(
     method: Planner,
     setting: layout.Setting,
@@ -257,8 +275,8 @@ def following(
     samples: Array,
     reference: Array,
     begun_anew: bool,
-) -> Slices[Launch | Turn | None]:
-    """Look where the poles are, and say how to go on; None to leave all as it is.
+) -> Slices[Followed]:
+    """Look where the poles are, and say how to go on.
 
     Parameters
     ----------
@@ -279,17 +297,43 @@ def following(
     try:
         solution = yield from steps.solving(setting, blueprint, x, before, choose=False, passes=1)
     except (TridentifyError, np.linalg.LinAlgError):
-        return None
+        return Followed(None, None)
+    if not np.all(np.isfinite(solution.point.poles)):
+        return Followed(None, None)
+    to, better = yield from _where_to(
+        method, setting, blueprint, before, x, samples, reference, begun_anew, solution
+    )
+    if not blueprint.ints[slots.CHUNK] or x[slots.SINCE] <= method.samples:
+        return Followed(to, None)
+    yield
+    try:
+        model = better or steps.estimate_of(setting, blueprint, x, solution, "", before)
+    except (TridentifyError, np.linalg.LinAlgError):
+        return Followed(to, None)
+    newest = _remembered(samples, float(blueprint.constants[slots.FORGETTING]))
+    return Followed(to, (yield from doubting(setting, newest, model.theta, model.std)))
+
+
+def _where_to(
+    method: Planner,
+    setting: layout.Setting,
+    blueprint: layout.Blueprint,
+    before: Complex,
+    x: Array,
+    samples: Array,
+    reference: Array,
+    begun_anew: bool,
+    solution: Finished,
+) -> Slices[tuple[Launch | Turn | None, Estimate | None]]:
+    """Launch, turn or None to leave all as it is; and a better model, where it is one's launch."""
     poles = solution.point.poles
-    if not np.all(np.isfinite(poles)):
-        return None
     bank = blueprint.poles[: poles.size]
     distance, nuisance = steps.distance_of(poles, bank), blueprint.nuisance
     kept = bool(blueprint.ints[slots.CHUNK])
     early = kept and x[slots.SINCE] <= method.samples
     yield
     certain = not kept or is_certain(setting, blueprint, x, solution, before)
-    to, begin = None, nuisance
+    to, begin, better = None, nuisance, None
     if kept and not (early and certain):
         factor = float(blueprint.constants[slots.FORGETTING])
         newest = _remembered(samples, factor)
@@ -299,22 +343,23 @@ def following(
         better = yield from _found_better(setting, samples, begun_anew, solution, factor)
         to = None if better is None else better.poles
     if to is None and early and not certain:
-        return None
+        return None, None
     if to is None and early and distance > NEAR:
         to = poles
     if to is not None:
         scale = noise_std_of(blueprint, x)
-        return (yield from launching(method, setting, to, begin, samples, scale, reference))[0]
+        launched = yield from launching(method, setting, to, begin, samples, scale, reference)
+        return launched[0], None if better is None else better.estimate
     yield
     if distance <= NEAR and (early or not kept):
         turned = layout.with_directions(
             blueprint, steps.directions_of(setting, blueprint, solution)
         )
-        return Turn(poles, turned, False)
+        return Turn(poles, turned, False), None
     base = poles if distance > NEAR else bank
     other = method.plan(setting, base, nuisance, False)
     turned = layout.with_directions(other, steps.directions_of(setting, other, solution))
-    return Turn(poles, turned, distance > NEAR)
+    return Turn(poles, turned, distance > NEAR), None
 
 
 def turned(state: State, turn: Turn) -> State:

@@ -145,6 +145,24 @@ class Blueprint:
         return int(self.ints[slots.COLUMNS])
 
 
+DOUBTS = ("unmodelled-response", "nonlinear")  # codes
+
+
+class Doubt(NamedTuple):
+    """What the inputs explain of the samples that a model left, when these were last all there.
+
+    Attributes
+    ----------
+    code : str
+        Of the finding, one of `DOUBTS`.
+    share : float
+        Of what the model left.
+    """
+
+    code: str
+    share: float
+
+
 @dataclass(frozen=True, eq=False)
 class Stage:
     """What holds between two events of an estimator.
@@ -166,6 +184,8 @@ class Stage:
         What else a method keeps.
     task : Task, optional
         Work that is under way; not saved, as the other numbers say how to do it again.
+    doubt : Doubt, optional
+        What speaks against the model in samples that are gone.
     """
 
     method: Any
@@ -177,6 +197,7 @@ class Stage:
     searching: bool = True
     extra: tuple[Array, ...] = ()
     task: Task | None = None
+    doubt: Doubt | None = None
 
     def but(self, **changes: Any) -> Stage:
         """A copy with other values."""

@@ -45,7 +45,7 @@ from tridentify.online.residual import refined
 from tridentify.online.scatter import tells, with_scatter
 from tridentify.online.search import record_of
 from tridentify.online.summary import change_columns, on_order, seen, summarise, transfer
-from tridentify.online.unexplained import response_finding
+from tridentify.online.unexplained import doubt_finding, doubting
 from tridentify.record.record import Record
 
 CLEARLY = 1.25
@@ -341,7 +341,8 @@ def estimate_of(
     told = noise_finding(white, cov)
     if again is not None:
         std = np.sqrt(np.diagonal(white))
-        told = (*response_finding(setting, again, found.theta, std), *told)
+        doubt = drain(doubting(setting, again, found.theta, std))
+        told = told if doubt is None else (doubt_finding(doubt), *told)
     return assemble(asked, replace(found, cov=cov, findings=told))
 
 

@@ -28,7 +28,7 @@ from tridentify.numerics.least_squares import triangle
 from tridentify.numerics.realization import Cascade
 from tridentify.online.kernels import slots
 from tridentify.online.layout import Blueprint, Setting, factor_of, fresh, watch_of
-from tridentify.online.scatter import take_scatter
+from tridentify.online.scatter import keep_expected, take_scatter
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,7 +255,10 @@ def write_triangle(blueprint: Blueprint, x: Array, output: int, r: Array, weight
 
 
 def carried(old: Blueprint, x: Array, new: Blueprint) -> Array:
-    """A new vector with what does not depend on the bank: clocks, delay line, watch, chunk."""
+    """A new vector with what does not depend on the bank: clocks, delay line, watch, chunk.
+
+    What is usual of the scores goes over, too: without it coloured noise looks like changes.
+    """
     found = fresh(new)
     a, b = old.ints, new.ints
     head = int(a[slots.AT_CHUNK])
@@ -274,6 +277,7 @@ def carried(old: Blueprint, x: Array, new: Blueprint) -> Array:
         if count and count == b[slots.DIRECTIONS]:
             end, stop = was + int(a[slots.WATCH]), is_ + int(b[slots.WATCH])
             found[stop - count : stop] = x[end - count : end]
+    keep_expected(old, x, new, found)
     return found
 
 

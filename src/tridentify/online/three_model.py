@@ -244,7 +244,7 @@ class ThreeModel(launch.Planner):
             return Task(trying, *plan, before, samples, reference, old, not x[slots.LOOK])
         return Task(launch.following, *plan, samples, reference, begun_anew)
 
-    def _gone_on(self, state: State, found: launch.Launch | launch.Turn | Look | None) -> State:
+    def _gone_on(self, state: State, found: launch.Launch | launch.Followed | Look | None) -> State:
         """What the work has come to."""
         x, stage = state
         samples = self._samples(state)
@@ -253,11 +253,14 @@ class ThreeModel(launch.Planner):
         if x[slots.SUSPECT]:
             assert isinstance(found, Look)
             return self._judged(state, found, samples, rest)
-        if isinstance(found, launch.Launch):
-            x, new = launch.launched(self, state, found, rest)
+        if isinstance(found, launch.Followed) and found.doubt is not None:
+            state = State(state.values, state.stage.but(doubt=found.doubt))
+        to = found.to if isinstance(found, launch.Followed) else found
+        if isinstance(to, launch.Launch):
+            x, new = launch.launched(self, state, to, rest)
             if stage.searching:
                 return State(x, new)
-            return self._looking(State(x, new.but(extra=_witness(stage))), found.certain)
+            return self._looking(State(x, new.but(extra=_witness(stage))), to.certain)
         if stage.searching:
             if len(samples) - len(rest) >= self.samples:
                 return shortened(state, samples)
@@ -266,7 +269,7 @@ class ThreeModel(launch.Planner):
         x[slots.TICK], x[slots.OWN_TICK] = self.next_tick(x, stage.setting), 0.0
         state = State(x, state.stage.but(extra=_witness(stage)))
         return self._looking(
-            launch.turned(state, found) if isinstance(found, launch.Turn) else state, True
+            launch.turned(state, to) if isinstance(to, launch.Turn) else state, True
         )
 
     # ------------------------------------------------------------------------------- a change
@@ -314,7 +317,7 @@ class ThreeModel(launch.Planner):
         count = int(x[slots.COUNT])
         if found.launch is not None:
             at = int(x[slots.SUSPECT]) - 1 + found.begin
-            changed = stage.but(changes=(*stage.changes, at))
+            changed = stage.but(changes=(*stage.changes, at), doubt=None)
             if self.on_change == "restart":
                 state = launch.launched(self, State(x, changed), found.launch, rest)
             else:

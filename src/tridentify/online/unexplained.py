@@ -2,8 +2,10 @@
 
 On-line nothing else is tried than the structure that was asked: an input that acts late, or that
 was not carried out, bends the coefficients by many of their standard errors, and the scatter of the
-scores takes what is left for coloured noise. As long as all samples are kept they can be asked:
-what is left, whitened by an autoregression of its own, is independent of past inputs where the
+scores takes what is left for coloured noise. As long as all samples are kept they can be asked;
+what they say when they are dropped is remembered (`layout.Doubt`).
+
+What is left, whitened by an autoregression of its own, is independent of past inputs where the
 model is right, also with coloured noise and with a controller. So means of the input over windows
 of the past are to explain nothing of it, and neither are the responses of the model to squares and
 cubes of the input, in which a limit or a bend of an actuator shows. Free responses and small moves
@@ -23,8 +25,9 @@ from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.finding import Finding
 from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.slices import Slices
 from tridentify.online import residual
-from tridentify.online.layout import Setting
+from tridentify.online.layout import Doubt, Setting
 from tridentify.online.result import model_of
 from tridentify.online.search import record_of
 from tridentify.record.record import Record
@@ -34,47 +37,51 @@ WINDOWS = (1, 2, 3, 5, 9, 17, 33, 65)
 long ones a missing slow one. The sample at the same instant may be a controller's answer to it."""
 BY_CHANCE = 1e-5
 """Share of right models of which it may be said: estimates are asked for again and again."""
+WAYS = {
+    "nonlinear": ("Squares or cubes of the inputs", "is not carried out in full"),
+    "unmodelled-response": ("Past inputs", "acts later than the structure says"),
+}
+"""Of each code, what explains, and why that may be."""
 PER_COLUMN = 10  # samples for each column, from which a fall of -2 log L has its distribution
 
 
-def response_finding(
-    setting: Setting, samples: Array, theta: Array, std: Array
-) -> tuple[Finding, ...]:
-    """That the inputs explain part of what the model leaves, where they do, and in which way.
+def doubting(setting: Setting, samples: Array, theta: Array, std: Array) -> Slices[Doubt | None]:
+    """What speaks against a model in samples that it is of; None where nothing does.
 
     Parameters
     ----------
     setting : Setting
     samples : (k, n_inputs + n_outputs + 1) array
-        All samples that the estimate is of.
+        All samples that the estimate is of, or the newest of them.
     theta, std : (n,) arrays
         Coefficients and their standard errors.
     """
     if not (np.all(np.isfinite(std)) and np.all(std > 0.0)):
-        return ()
+        return None
     try:
-        late, bent = _explained(setting, samples, theta, std)
+        late, bent = yield from _explained(setting, samples, theta, std)
     except (TridentifyError, np.linalg.LinAlgError):
-        return ()
+        return None
     if max(late.fall, bent.fall) <= 0.0:
-        return ()
-    if bent.fall > late.fall:
-        code, what, how = (
-            "nonlinear",
-            "Squares or cubes of the inputs",
-            "is not carried out in full",
-        )
-    else:
-        code, what, how = "unmodelled-response", "Past inputs", "acts later than the structure says"
-    share = max(late, bent).share
-    return (
-        Finding(
-            code,
-            "warning",
-            f"{what} explain {100.0 * share:.3g} % of what the model leaves: the coefficients may "
-            f"be off by more than their standard errors, as where an input {how}.",
-            "Identify the stored record: off-line the causes are tried and named.",
-        ),
+        return None
+    code = "nonlinear" if bent.fall > late.fall else "unmodelled-response"
+    return Doubt(code, max(late, bent).share)
+
+
+def doubt_finding(doubt: Doubt) -> Finding:
+    """That the inputs explain part of what the model leaves, and in which way.
+
+    Parameters
+    ----------
+    doubt : Doubt
+    """
+    what, how = WAYS[doubt.code]
+    return Finding(
+        doubt.code,
+        "warning",
+        f"{what} explain {100.0 * doubt.share:.3g} % of what the model leaves: the coefficients "
+        f"may be off by more than their standard errors, as where an input {how}.",
+        "Identify the stored record: off-line the causes are tried and named.",
     )
 
 
@@ -93,24 +100,32 @@ class Gain(NamedTuple):
     share: float
 
 
-def _explained(setting: Setting, samples: Array, theta: Array, std: Array) -> tuple[Gain, Gain]:
+def _explained(
+    setting: Setting, samples: Array, theta: Array, std: Array
+) -> Slices[tuple[Gain, Gain]]:
     """What windows of past inputs explain of the residual, and what powers of the inputs do."""
     record = record_of(setting, samples)
     driven, tables = residual._parts_of(setting, record, theta)
     left = residual._without(driven, tables)
     slopes = []
     for k in range(theta.size):
+        yield
         moved = theta.copy()
         moved[k] += residual.SHORT * std[k]
         slopes.append(residual.left_by(setting, record, moved) - left)
+    yield
     powers = _responses_to_powers(setting, record, theta)
     past = windows_of(record.u)
     tries = [([past] * setting.n_outputs), [powers[:, i].T for i in range(setting.n_outputs)]]
-    return tuple(  # type: ignore[return-value]
-        _gain(left, [np.column_stack([*(one[:, i] for one in slopes), table]) for i, table in
-                     enumerate(tables)], more)
-        for more in tries
-    )  # fmt: skip
+    found = []
+    for one in tries:
+        yield
+        known = [
+            np.column_stack([*(slope[:, i] for slope in slopes), table])
+            for i, table in enumerate(tables)
+        ]
+        found.append(_gain(left, known, one))
+    return found[0], found[1]
 
 
 def _responses_to_powers(setting: Setting, record: Record, theta: Array) -> Array:

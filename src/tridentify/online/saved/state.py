@@ -19,7 +19,7 @@ from tridentify.errors import TridentifyError, shown
 from tridentify.estimation.answer.encoding import load_document, save_document
 from tridentify.numerics.arrays import Array
 from tridentify.online.kernels import slots
-from tridentify.online.layout import Blueprint, NuisanceColumns, Setting, Stage
+from tridentify.online.layout import DOUBTS, Blueprint, Doubt, NuisanceColumns, Setting, Stage
 from tridentify.online.saved.integrity import MOST_ORDER, check_orders, check_room, check_sound
 from tridentify.record.checks.values import check_keys, checked, texts
 from tridentify.structure import Structure
@@ -73,7 +73,8 @@ SCHEMA = 1
 KEY = "online_state"
 KEYS = (
     "method", "structure", "dt", "input_names", "output_names", "units", "intersample", "nuisance",
-    "ints", "constants", "bank", "poles", "past", "changes", "searching", "extra", "values",
+    "ints", "constants", "bank", "poles", "past", "changes", "searching", "extra", "doubt",
+    "values",
 )  # fmt: skip
 _NOT_READY = Flag.NOT_READY.value
 
@@ -206,6 +207,7 @@ class State(NamedTuple):
             "changes": list(stage.changes),
             "searching": stage.searching,
             "extra": [packed(one) for one in stage.extra],
+            "doubt": None if stage.doubt is None else [stage.doubt.code, stage.doubt.share.hex()],
             "values": packed(self.values),
         }
 
@@ -306,9 +308,21 @@ def _build(document: Mapping[str, Any]) -> State:
         tuple(_ints(document["changes"])),
         checked(document["searching"], bool),
         tuple(unpacked(one) for one in checked(document["extra"], list)),
+        doubt=_doubt_of(document["doubt"]),
     )
     check_sound(stage, values, rebuilt)
     return State(values, stage)
+
+
+def _doubt_of(value: object) -> Doubt | None:
+    """What spoke against the model: a code that there is, and a share."""
+    if value is None:
+        return None
+    code, share = (checked(one, str) for one in checked(value, list))
+    found = Doubt(code, float.fromhex(share))
+    if code not in DOUBTS or not 0.0 <= found.share <= 1.0:
+        raise ValueError(f"{shown(code, 40)} with a share of {found.share:g} for a doubt")
+    return found
 
 
 def _setting_of(document: Mapping[str, Any], method: Any) -> Setting:
