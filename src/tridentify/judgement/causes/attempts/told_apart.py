@@ -22,6 +22,7 @@ from weakref import ReferenceType, WeakKeyDictionary, ref
 
 import numpy as np
 
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
 from tridentify.judgement.causes.attempts.first_samples import beginning
 from tridentify.numerics.arrays import Array
@@ -172,32 +173,43 @@ def rests(records: Sequence[Record], j: int) -> bool:
     return still_there > RESTING * max(count, 1)
 
 
-def loop_findings(
-    records: Sequence[Record],
-    poles: int,
-    names: Sequence[str],
-    reacts: bool,
-    at_once: bool = False,
-) -> list[Finding]:
-    """A word where the controller alone moves an input.
+def answers_at_once(estimate: Estimate) -> bool:
+    """Whether an output has as many zeros as poles, as a resistance beside its cells.
+
+    It then tells what a sensor adds to its input as well.
 
     Parameters
     ----------
-    records : sequence of Record
-        Without references.
-    poles : int
-        Most of any channel.
-    names : sequence of str
-        Of the inputs.
-    reacts : bool
-        Whether an input was found to react to an output; where it is not held, or the outputs
-        answer at once, nothing is said without that: an output then shows what moves it.
-    at_once : bool
-        Whether the model has as many zeros as poles: a resistance beside its cells.
+    estimate : Estimate
     """
-    held = all(record.behaviour == "zoh" for record in records)
-    if not reacts and (at_once or not held):
+    shape = len(estimate.output_names), len(estimate.input_names)
+    poles = np.array(estimate.structure.poles_matrix(*shape))
+    return bool(np.any(poles == np.array(estimate.structure.zeros_matrix(*shape))))
+
+
+def loop_findings(
+    estimate: Estimate, records: Sequence[Record], tested: Sequence[Finding]
+) -> list[Finding]:
+    """Whether a controller alone moves the inputs, where no reference says what else did.
+
+    Where no input was found to react, nothing is said of one that is not held, nor where the
+    outputs answer at once: an output then shows what moves it.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    records : sequence of Record
+    tested : sequence of Finding
+        Of the same records, with feedback where that was found.
+    """
+    if estimate.route == "reference" or any(record.dt is None for record in records):
         return []
+    reacts = any(one.code == "feedback" for one in tested)
+    held = all(record.behaviour == "zoh" for record in records)
+    if not reacts and (answers_at_once(estimate) or not held):
+        return []
+    names = estimate.input_names
+    poles = int(np.max(estimate.structure.poles_matrix(len(estimate.output_names), len(names))))
     return [
         _in_words(law, poles, names[law.input])
         for law in laws(records)
