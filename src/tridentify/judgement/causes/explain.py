@@ -18,6 +18,10 @@ from tridentify.judgement.causes.attempts.explanation import (
     CLEARLY,
     Explanation,
     Explanations,
+    attempted,
+    explanation_of,
+    fitted,
+    from_end,
 )
 from tridentify.judgement.causes.attempts.feedback import reacts
 from tridentify.judgement.causes.attempts.intersample import (
@@ -37,7 +41,6 @@ from tridentify.judgement.causes.attempts.rivals import (
     order_rivals,
     varying_rivals,
 )
-from tridentify.judgement.causes.fitted import attempted, explanation_of, fitted, from_end
 from tridentify.judgement.causes.sensors.both_ways_filtered import both_ways_rivals
 from tridentify.judgement.causes.sensors.breaks import break_rivals
 from tridentify.judgement.causes.sensors.input_floor import floor_rivals
@@ -49,9 +52,14 @@ from tridentify.judgement.causes.system.gains import gain_rivals
 from tridentify.judgement.causes.system.odd_experiment import MOST, apart_rivals, single_rivals
 from tridentify.judgement.causes.system.periodic import periodic_rivals
 from tridentify.judgement.causes.system.slow import slow_rivals
-from tridentify.judgement.causes.timing.both import both_rivals
 from tridentify.judgement.causes.timing.clocks import clock_rivals
-from tridentify.judgement.causes.timing.delay import delay_rivals, is_later, neighbours, shifted
+from tridentify.judgement.causes.timing.delay import (
+    both_rivals,
+    delay_rivals,
+    is_later,
+    neighbours,
+    shifted,
+)
 from tridentify.judgement.causes.timing.shifts import (
     LATE_LOG,
     early_rivals,
