@@ -43,6 +43,7 @@ from tridentify.judgement.validation.result import (
     Stationarity,
     Validation,
     Whiteness,
+    untested,
 )
 from tridentify.judgement.validation.statistics.correlation import correlate
 from tridentify.judgement.validation.statistics.evidence import (
@@ -347,29 +348,16 @@ def _judge(estimate: Estimate, view: View, level: float, n_lags: int) -> Validat
 
 def _untested(estimate: Estimate, view: View, level: float) -> Validation:
     """A record without noise: the residual is rounding, and there is nothing to test."""
-    fit, r2 = _fits(view)
-    residual = _residual(view)
-    return Validation(
-        fit,
-        r2,
-        (),
-        (),
-        (),
-        (),
-        None,
-        (),
-        (),
-        "Nothing speaks against the model: the residual of an output is no more than rounding.",
-        (*view.told, "a residual that is rounding is not tested"),
+    return untested(
+        estimate,
+        view.records,
         level,
-        view.own,
-        estimate.output_names,
-        estimate.input_names,
-        tuple(np.array(record.t) for record in view.records),
-        residual,
-        tuple(np.zeros_like(one) for one in residual),
-        dict(estimate.units),
-        view.uneven,
+        own=view.own,
+        fits=_fits(view),
+        residual=_residual(view),
+        verdict="Nothing speaks against the model: the residual of an output is no more than "
+        "rounding.",
+        notes=(*view.told, "a residual that is rounding is not tested"),
     )
 
 
