@@ -15,11 +15,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import ndtri
 
-from tridentify.errors import (
-    OptionError,
-    SampleTypeError,
-    TridentifyError,
-)
+from tridentify.errors import OptionError, SampleTypeError, TridentifyError
 from tridentify.estimation.answer.assemble import fingerprint
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding, joined
@@ -39,17 +35,9 @@ from tridentify.judgement.validation.remembered import (
     remembered,
 )
 from tridentify.judgement.validation.residuals import View, look
-from tridentify.judgement.validation.result import (
-    Stationarity,
-    Validation,
-    Whiteness,
-    untested,
-)
+from tridentify.judgement.validation.result import Stationarity, Validation, Whiteness, untested
 from tridentify.judgement.validation.statistics.correlation import correlate
-from tridentify.judgement.validation.statistics.evidence import (
-    Evidence,
-    suspicious,
-)
+from tridentify.judgement.validation.statistics.evidence import Evidence, suspicious
 from tridentify.judgement.validation.statistics.likelihood_ratio import CALLED
 from tridentify.judgement.validation.statistics.transfer import carried_over
 from tridentify.judgement.validation.tried import may_react, starts_wild, torn_at, try_causes

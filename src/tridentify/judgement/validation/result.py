@@ -290,11 +290,7 @@ class Validation:
 
     def _rows(self) -> list[tuple[str, ...]]:
         return [
-            (
-                test.name,
-                format_p(test.p_value) + "*" * test.rejected,
-                test.output,
-            )
+            (test.name, format_p(test.p_value) + "*" * test.rejected, test.output)
             for test in self.tests
         ]
 

@@ -18,11 +18,7 @@ from tridentify.judgement.validation.explained import (
 )
 from tridentify.judgement.validation.interpolated import beside_lines, interpolated_findings
 from tridentify.judgement.validation.known_causes import KnownCauses
-from tridentify.judgement.validation.noise_findings import (
-    about_noise,
-    carried_findings,
-    not_white,
-)
+from tridentify.judgement.validation.noise_findings import about_noise, carried_findings, not_white
 from tridentify.judgement.validation.other_record import about_other_record
 from tridentify.judgement.validation.phrases import (
     around_top,

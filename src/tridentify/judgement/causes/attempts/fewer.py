@@ -30,11 +30,7 @@ from tridentify.judgement.causes.attempts.revisit import (
     without_outliers,
 )
 from tridentify.numerics.arrays import Array, Complex
-from tridentify.numerics.autoregression import (
-    deviance,
-    fit_autoregression,
-    most_coefficients,
-)
+from tridentify.numerics.autoregression import deviance, fit_autoregression, most_coefficients
 from tridentify.numerics.realization import sort_poles
 from tridentify.record.record import Record
 
