@@ -39,7 +39,7 @@ from tridentify.judgement.causes.attempts.intersample import (
     in_doubt,
     taken_as,
 )
-from tridentify.judgement.causes.attempts.told_apart import loop_findings
+from tridentify.judgement.causes.attempts.told_apart import about_loop
 from tridentify.judgement.cautions import judged
 from tridentify.judgement.cautions.coefficients import coefficient_findings
 from tridentify.judgement.direct import about_direct, predictor_findings
@@ -205,7 +205,7 @@ def with_judgement(
     if seen is None:
         of_the_plant = coefficient_findings(estimate, list(records))
         known = [*estimate.findings, *of_the_plant, *predictor_findings(estimate, records)]
-        found = ranked([*known, *loop_findings(estimate, records, known)])
+        found = ranked([*known, *about_loop(estimate, records, known)])
     else:
         found = about_direct(judged(estimate, seen, between), estimate, records)
         if estimate.route == "reference":

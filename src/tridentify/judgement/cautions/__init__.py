@@ -21,7 +21,7 @@ from tridentify.judgement.causes.attempts.intersample import (
     is_clearly_better,
 )
 from tridentify.judgement.causes.attempts.rivals import ALONG
-from tridentify.judgement.causes.attempts.told_apart import loop_findings
+from tridentify.judgement.causes.attempts.told_apart import about_loop
 from tridentify.judgement.cautions.coefficients import coefficient_findings
 from tridentify.judgement.cautions.levels import level_findings
 from tridentify.judgement.cautions.opposite import opposite_findings
@@ -84,7 +84,7 @@ def judged(
         found = [one for one in found if one.code != "intersample"]
     tested += opposite_findings(estimate, records, [*found, *tested])
     found = _beside_better(found, tested)
-    loop = loop_findings(estimate, records, tested)
+    loop = about_loop(estimate, records, tested)
     if any(one.severity == "error" for one in loop):
         # nothing else of such a response is the plant's
         tested, found = (

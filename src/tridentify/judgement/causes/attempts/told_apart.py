@@ -187,13 +187,10 @@ def answers_at_once(estimate: Estimate) -> bool:
     return bool(np.any(poles == np.array(estimate.structure.zeros_matrix(*shape))))
 
 
-def loop_findings(
+def about_loop(
     estimate: Estimate, records: Sequence[Record], tested: Sequence[Finding]
 ) -> list[Finding]:
     """Whether a controller alone moves the inputs, where no reference says what else did.
-
-    Where no input was found to react, nothing is said of one that is not held, nor where the
-    outputs answer at once: an output then shows what moves it.
 
     Parameters
     ----------
@@ -205,11 +202,33 @@ def loop_findings(
     if estimate.route == "reference" or any(record.dt is None for record in records):
         return []
     reacts = any(one.code == "feedback" for one in tested)
-    held = all(record.behaviour == "zoh" for record in records)
-    if not reacts and (answers_at_once(estimate) or not held):
-        return []
     names = estimate.input_names
     poles = int(np.max(estimate.structure.poles_matrix(len(estimate.output_names), len(names))))
+    return loop_findings(records, poles, names, reacts, answers_at_once(estimate))
+
+
+def loop_findings(
+    records: Sequence[Record], poles: int, names: Sequence[str], reacts: bool, at_once: bool = False
+) -> list[Finding]:
+    """A word where the controller alone moves an input.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Without references.
+    poles : int
+        Most of any channel.
+    names : sequence of str
+        Of the inputs.
+    reacts : bool
+        Whether an input was found to react to an output; where it is not held, or the outputs
+        answer at once, nothing is said without that: an output then shows what moves it.
+    at_once : bool
+        Whether the model has as many zeros as poles: a resistance beside its cells.
+    """
+    held = all(record.behaviour == "zoh" for record in records)
+    if not reacts and (at_once or not held):
+        return []
     return [
         _in_words(law, poles, names[law.input])
         for law in laws(records)
