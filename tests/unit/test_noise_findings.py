@@ -16,9 +16,9 @@ def told(monkeypatch: pytest.MonkeyPatch, decision: str, *, own: bool = True) ->
     estimate = SimpleNamespace(trace=Trace((), decisions=(decision,)), errors="curvature")
     said = estimate.trace.about(DecisionKind.NOISE_TAKEN_AS_WHITE)
     declined = said[0].rest if said else ""
-    beside: Any = SimpleNamespace(estimate=estimate, robust=False, declined=declined)
-    view: Any = SimpleNamespace(own=own, uneven=False, outputs=[])
-    return noise_findings.not_white(view, SimpleNamespace(), "y", beside)  # type: ignore[arg-type]
+    view = SimpleNamespace(own=own, uneven=False, outputs=[])
+    beside: Any = SimpleNamespace(estimate=estimate, view=view, robust=False, declined=declined)
+    return noise_findings.not_white(SimpleNamespace(), "y", beside)  # type: ignore[arg-type]
 
 
 def test_noise_that_was_taken_as_white_is_not_white_by_other_tests(

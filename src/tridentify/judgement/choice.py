@@ -39,7 +39,8 @@ from tridentify.judgement.causes.attempts.intersample import (
     in_doubt,
     taken_as,
 )
-from tridentify.judgement.cautions import about_loop, judged
+from tridentify.judgement.causes.attempts.told_apart import about_loop
+from tridentify.judgement.cautions import judged
 from tridentify.judgement.cautions.coefficients import coefficient_findings
 from tridentify.judgement.direct import about_direct, predictor_findings
 from tridentify.judgement.validation.reacting_reference import reference_findings

@@ -34,7 +34,7 @@ from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.causes.attempts.feedback import Inputs, misses
 from tridentify.judgement.causes.attempts.fewer import NO_RESPONSE, foretold
 from tridentify.judgement.causes.attempts.first_samples import beginning
-from tridentify.judgement.causes.attempts.told_apart import laws, rests
+from tridentify.judgement.causes.attempts.told_apart import answers_at_once, laws, rests
 from tridentify.judgement.causes.past_outputs import Told, told_by_past, told_finding
 from tridentify.judgement.validation.assess import (
     LONGEST_LOOK,
@@ -130,7 +130,7 @@ def _held(estimate: Estimate, records: Sequence[Record]) -> str:
     for told in _told(estimate, records):
         if told is not None:
             return f"past outputs tell what {names[told.input]} does next"
-    if _at_once(estimate) or not all(one.dt and one.behaviour == "zoh" for one in records):
+    if answers_at_once(estimate) or not all(one.dt and one.behaviour == "zoh" for one in records):
         return ""
     for law in laws(records):
         if law.lags is not None and not rests(records, law.input):
@@ -138,16 +138,11 @@ def _held(estimate: Estimate, records: Sequence[Record]) -> str:
     return ""
 
 
-def _at_once(estimate: Estimate) -> bool:
-    """Whether an output answers at once: it then tells what a sensor adds to its input as well."""
-    shape = len(estimate.output_names), len(estimate.input_names)
-    poles = np.array(estimate.structure.poles_matrix(*shape))
-    return bool(np.any(poles == np.array(estimate.structure.zeros_matrix(*shape))))
-
-
 def _told(estimate: Estimate, records: Sequence[Record]) -> list[Told | None]:
     """Which input the past of each output tells, in what every estimate is judged by."""
-    if _at_once(estimate) or any(one.dt is None or one.reference is not None for one in records):
+    if answers_at_once(estimate) or any(
+        one.dt is None or one.reference is not None for one in records
+    ):
         return []
     return told_by_past([beginning(one, LONGEST_LOOK) for one in records])
 

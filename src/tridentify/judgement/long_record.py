@@ -17,11 +17,7 @@ from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding, ranked
 from tridentify.estimation.methods.base import Method, Progress
-from tridentify.estimation.methods.long_record import (
-    Readings,
-    long_estimate,
-    poles_of_seed,
-)
+from tridentify.estimation.methods.long_record import Readings, long_estimate, poles_of_seed
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.cautions.coefficients import coefficient_findings
 from tridentify.record.long_record import LongRecord

@@ -355,13 +355,7 @@ class Estimator(ABC):
         return state, innovations, flags
 
     def _feed_unevenly(
-        self,
-        state: State,
-        u: Array,
-        y: Array,
-        intervals: Array,
-        innovations: Array,
-        flags: Indices,
+        self, state: State, u: Array, y: Array, intervals: Array, innovations: Array, flags: Indices
     ) -> tuple[State, Array, Indices]:
         """Sample by sample; the matrices of many intervals are made together."""
         m = u.shape[1]

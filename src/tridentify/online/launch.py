@@ -384,11 +384,7 @@ def _remembered(samples: Array, factor: float) -> Array:
 
 
 def _found_better(
-    setting: layout.Setting,
-    samples: Array,
-    begun_anew: bool,
-    solution: Finished,
-    factor: float,
+    setting: layout.Setting, samples: Array, begun_anew: bool, solution: Finished, factor: float
 ) -> Slices[FoundPoles | None]:
     """What a search of the kept samples finds, if it explains them clearly better.
 

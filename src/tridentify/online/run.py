@@ -9,13 +9,14 @@ from functools import cached_property
 
 import numpy as np
 
-from tridentify.errors import DataError, OptionError, SampleTypeError, shown
+from tridentify.errors import DataError, OptionError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.trace import freeze_arrays
 from tridentify.numerics.arrays import Array
 from tridentify.online.asked import NotReadyError, check_above_zero
 from tridentify.online.estimator import Estimator
 from tridentify.online.saved.state import Flag, State
+from tridentify.record.listed import listed
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 
@@ -136,18 +137,18 @@ def run(
             f"found method={shown(method)}; expected an on-line estimator with its options; write "
             "for example online.ThreeModel()"
         )
-    listed = _checked(records)
-    first = listed[0]
+    given = _checked(records)
+    first = given[0]
     dt = float(np.median(np.diff(first.t))) if first.dt is None else first.dt
     state = method.init(
         structure, dt, input_names=list(first.input_names), output_names=list(first.output_names),
         units=first._units_of_a_model, intersample=first.behaviour,
     )  # fmt: skip
     u, y = first.u, first.y
-    if len(listed) > 1:
-        u = np.vstack([record.u for record in listed])
-        y = np.vstack([record.y for record in listed])
-    intervals = _intervals(listed, dt)
+    if len(given) > 1:
+        u = np.vstack([record.u for record in given])
+        y = np.vstack([record.y for record in given])
+    intervals = _intervals(given, dt)
     block = _block(every, dt, len(u))
     times, states, flags = [], [], []
     innovations = np.full(y.shape, np.nan)
@@ -174,24 +175,18 @@ def run(
 
 
 def _checked(records: Record | Sequence[Record]) -> list[Record]:
-    listed = [records] if isinstance(records, Record) else list(records)
-    if not listed:
+    given = listed(records)
+    if not given:
         raise DataError("found no record; expected at least one; pass a Record or a list of them")
-    wrong = [type(one).__name__ for one in listed if not isinstance(one, Record)]
-    if wrong:
-        raise SampleTypeError(
-            f"found {wrong[0]} in place of a record; expected a Record or a list of them; write "
-            "Record(u, y, dt=...)"
-        )
-    first = listed[0]
-    for one in listed:
+    first = given[0]
+    for one in given:
         same = (one.input_names, one.output_names, one.dt, one.behaviour)
         if same != (first.input_names, first.output_names, first.dt, first.behaviour):
             raise DataError(
                 "found records with different channels or sampling; expected parts of one stream; "
                 "run them one by one"
             )
-    return listed
+    return given
 
 
 def _intervals(records: Sequence[Record], dt: float) -> Array | None:

@@ -56,10 +56,7 @@ SPANNED = 2.0
 scores are of few motions, so that the trace scatters more than if every block spanned all (1.6
 times as much of five directions, in 24 streams of white noise)."""
 COVERED = 0.975  # quantile at which Student's and the Gaussian's ends are compared
-CLEARLY_LARGER, CLEARLY_SMALLER = (
-    3.0,
-    6.0,
-)
+CLEARLY_LARGER, CLEARLY_SMALLER = (3.0, 6.0)
 """Standard deviations by which scores must scatter more, or less, than innovations say before
 standard errors follow: larger ones are the cautious side."""
 WONTED = 1.5  # by how much the scores that are usual grow with a false alarm
@@ -208,12 +205,7 @@ def turn_scatter(blueprint: Blueprint, x: Array, own: list[Indices], move: Array
 
 
 def with_scatter(
-    blueprint: Blueprint,
-    x: Array,
-    cov: Array,
-    variance: Array,
-    own: list[Indices],
-    map_: Array,
+    blueprint: Blueprint, x: Array, cov: Array, variance: Array, own: list[Indices], map_: Array
 ) -> Array:
     """The covariance of the coefficients, as the scatter of the scores shows it.
 

@@ -218,14 +218,7 @@ def take_clocks(old: Array, was: Blueprint, x: Array, blueprint: Blueprint, kept
     kept : int
         Samples that were run.
     """
-    for slot in (
-        slots.COUNT,
-        slots.SEEN,
-        slots.FILLED,
-        slots.ALARM,
-        slots.FLAGS,
-        slots.EXTRA,
-    ):
+    for slot in (slots.COUNT, slots.SEEN, slots.FILLED, slots.ALARM, slots.FLAGS, slots.EXTRA):
         x[slot] = old[slot]
     x[slots.BORN] = old[slots.TIME] - x[slots.TIME]
     x[slots.TIME] = old[slots.TIME]

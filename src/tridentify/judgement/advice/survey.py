@@ -15,26 +15,10 @@ from tridentify.judgement.advice.frequency import (
     check_surveyed,
     frequency_response,
 )
-from tridentify.judgement.advice.outputs import (
-    NO_RESPONSE,
-    Output,
-    glance,
-    looked_into,
-)
+from tridentify.judgement.advice.outputs import NO_RESPONSE, Output, glance, looked_into
 from tridentify.judgement.advice.result import Advice
-from tridentify.judgement.advice.samples import (
-    bad_samples,
-    gaps,
-    hung,
-    lost_rows,
-    single_tone,
-)
-from tridentify.judgement.advice.seen import (
-    DelaySeen,
-    behaviours_seen,
-    delay_seen,
-    feedback_seen,
-)
+from tridentify.judgement.advice.samples import bad_samples, gaps, hung, lost_rows, single_tone
+from tridentify.judgement.advice.seen import DelaySeen, behaviours_seen, delay_seen, feedback_seen
 from tridentify.judgement.advice.slow import drift_seen, wanders
 from tridentify.judgement.causes.attempts.first_samples import beginning
 from tridentify.judgement.causes.attempts.intersample import AUTO, CLEARLY, IN_WORDS, needed_fall

@@ -6,7 +6,7 @@ in `explanation`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +18,10 @@ from tridentify.judgement.causes.attempts.explanation import (
     CLEARLY,
     Explanation,
     Explanations,
+    attempted,
+    explanation_of,
+    fitted,
+    from_end,
 )
 from tridentify.judgement.causes.attempts.feedback import reacts
 from tridentify.judgement.causes.attempts.intersample import (
@@ -37,7 +41,6 @@ from tridentify.judgement.causes.attempts.rivals import (
     order_rivals,
     varying_rivals,
 )
-from tridentify.judgement.causes.fitted import attempted, explanation_of, fitted, from_end
 from tridentify.judgement.causes.sensors.both_ways_filtered import both_ways_rivals
 from tridentify.judgement.causes.sensors.breaks import break_rivals
 from tridentify.judgement.causes.sensors.input_floor import floor_rivals
@@ -49,9 +52,14 @@ from tridentify.judgement.causes.system.gains import gain_rivals
 from tridentify.judgement.causes.system.odd_experiment import MOST, apart_rivals, single_rivals
 from tridentify.judgement.causes.system.periodic import periodic_rivals
 from tridentify.judgement.causes.system.slow import slow_rivals
-from tridentify.judgement.causes.timing.both import both_rivals
 from tridentify.judgement.causes.timing.clocks import clock_rivals
-from tridentify.judgement.causes.timing.delay import delay_rivals, is_later, neighbours, shifted
+from tridentify.judgement.causes.timing.delay import (
+    both_rivals,
+    delay_rivals,
+    is_later,
+    neighbours,
+    shifted,
+)
 from tridentify.judgement.causes.timing.shifts import (
     LATE_LOG,
     early_rivals,
@@ -80,7 +88,7 @@ FOLLOWED = 3
 def explain(
     present: Present,
     *,
-    skip: Collection[str] = (),
+    free: bool = False,
     torn: Sequence[Place] = (),
     only: str = "",
     known: Explanations | None = None,
@@ -90,8 +98,8 @@ def explain(
     Parameters
     ----------
     present : Present
-    skip : collection of str
-        Codes that are not tried.
+    free : bool
+        Whether the delay is estimated: none is added to it then.
     torn : sequence of Place
         Where the state of the model seems to jump (`lost.jumps`).
     only : str
@@ -113,19 +121,19 @@ def explain(
     if base is None:
         return None
     settled = from_end(present, base)
-    found = [] if only or "lost-rows" in skip else fitted(lost_rivals(settled, torn), base)
+    found = [] if only else fitted(lost_rivals(settled, torn), base)
     if torn and not any(one.is_clear for one in found):
         return Explanations(base, tuple(found), (None,) * base.point.problem.n_outputs)
     pairs = zip(base.point.problem.experiments, base.point.residuals(), strict=True)
     response = [experiment.y - residual for experiment, residual in pairs]
-    for code, rivals in _rivals(settled, response, only, "delay" in skip).items():
-        tried = [rival for rival in rivals if rival.exact] if code in skip else rivals
-        found += fitted(tried, base)
+    for code, rivals in _rivals(settled, response, only, free).items():
+        estimated = free and code == "delay"
+        found += fitted((rival for rival in rivals if rival.exact or not estimated), base)
     if only in ("", "nonlinear"):
         found += fitted(backlash_rivals(settled, response), base)
     if only in ("", "intersample"):
         found += fitted(late_log_rivals(settled), base)
-    if only == "" and "delay" in skip and "order-low" not in skip:
+    if only == "" and free:
         found += fitted(_followed(list(lag_rivals(settled))), base)
     found += _sharper(found, settled, base)
     found += [] if only else _together(found, settled, base)
@@ -138,7 +146,7 @@ def explain(
     if late is not None:
         base, found = late
         settled = from_end(present, base)
-    return _ranked(found, settled, base, None if skip else present)
+    return _ranked(found, settled, base, None if free else present)
 
 
 def _ranked(

@@ -21,7 +21,7 @@ from tridentify.judgement.causes.attempts.intersample import (
     is_clearly_better,
 )
 from tridentify.judgement.causes.attempts.rivals import ALONG
-from tridentify.judgement.causes.attempts.told_apart import loop_findings
+from tridentify.judgement.causes.attempts.told_apart import about_loop
 from tridentify.judgement.cautions.coefficients import coefficient_findings
 from tridentify.judgement.cautions.levels import level_findings
 from tridentify.judgement.cautions.opposite import opposite_findings
@@ -241,27 +241,6 @@ def _of_constant_inputs(
         return kept, list(found)
     still = [replace(one, severity="error") for one in found if one.code == "constant-input"]
     return [], still
-
-
-def about_loop(
-    estimate: Estimate, records: Sequence[Record], tested: Sequence[Finding]
-) -> list[Finding]:
-    """Whether a controller alone moves the inputs, where no reference says what else did.
-
-    Parameters
-    ----------
-    estimate : Estimate
-    records : sequence of Record
-    tested : sequence of Finding
-        Of the same records, with feedback where that was found.
-    """
-    if estimate.route == "reference" or any(record.dt is None for record in records):
-        return []
-    reacts = any(one.code == "feedback" for one in tested)
-    shape = len(estimate.output_names), len(estimate.input_names)
-    poles = np.array(estimate.structure.poles_matrix(*shape))
-    at_once = bool(np.any(poles == np.array(estimate.structure.zeros_matrix(*shape))))
-    return loop_findings(records, int(poles.max()), estimate.input_names, reacts, at_once)
 
 
 def _missing(record: Record, experiment: int | None) -> list[Finding]:

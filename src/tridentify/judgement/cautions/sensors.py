@@ -76,10 +76,7 @@ TURNING = 0.5
 
 
 def sensor_findings(
-    estimate: Estimate,
-    record: Record,
-    experiment: int,
-    known: Predictions | None = None,
+    estimate: Estimate, record: Record, experiment: int, known: Predictions | None = None
 ) -> list[Finding]:
     """Coarse steps, limits, hanging and repeats in one record.
 

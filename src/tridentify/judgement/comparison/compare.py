@@ -9,13 +9,7 @@ from typing import Any
 import numpy as np
 
 from tridentify.errors import ChannelNameError, SampleTypeError, shown
-from tridentify.judgement.comparison.entries import (
-    Entry,
-    Models,
-    entries_of,
-    integrates,
-    made_up,
-)
+from tridentify.judgement.comparison.entries import Entry, Models, entries_of, integrates, made_up
 from tridentify.judgement.comparison.quantities import quantities
 from tridentify.judgement.comparison.refit import refitted
 from tridentify.judgement.comparison.result import Comparison

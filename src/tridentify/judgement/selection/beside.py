@@ -102,10 +102,7 @@ def _makes_most(one: _Beside, best: _Beside) -> bool:
 
 
 def _with_cause(
-    code: str,
-    rows: Sequence[SelectionRow],
-    place: int | None,
-    records: Sequence[Record],
+    code: str, rows: Sequence[SelectionRow], place: int | None, records: Sequence[Record]
 ) -> list[_Beside]:
     """Rows with a cause of one code that are clearly better than the recommended one as it is.
 

@@ -103,10 +103,7 @@ class Contest:
         return [with_nuisances(task, open_[chosen]) if task.shared else task for task in tasks]
 
     def _improved(
-        self,
-        tasks: Sequence[CandidateTask],
-        entries: Sequence[Entry],
-        orders: tuple[int, ...],
+        self, tasks: Sequence[CandidateTask], entries: Sequence[Entry], orders: tuple[int, ...]
     ) -> list[Entry]:
         """Candidates that explain less than one that they contain begin again from there."""
         found = list(entries)

@@ -54,11 +54,7 @@ from tridentify.estimation.search.following import Search
 from tridentify.estimation.search.found import SearchEnd
 from tridentify.estimation.search.starts import discrete_poles
 from tridentify.numerics.arrays import Array, Complex
-from tridentify.numerics.autoregression import (
-    deviance,
-    fit_autoregression,
-    most_coefficients,
-)
+from tridentify.numerics.autoregression import deviance, fit_autoregression, most_coefficients
 from tridentify.numerics.rational import scaled_roots
 from tridentify.numerics.realization import sort_poles
 from tridentify.numerics.threads import one_blas_thread

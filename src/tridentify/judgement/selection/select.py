@@ -158,7 +158,7 @@ def select_structure(
         ):
             structures, work = more.structures, replace(work, found=(*work.found, more.poles))
             opened = work.opened(structures, opened.whole)
-        other = resettled(given, unseen, settled, opened.table, chosen)
+        other = resettled(given, unseen, settled, opened.table)
         if other is not None:
             settled, work = other, replace(work, records=other.records, identified=None)
             opened = work.opened(structures)

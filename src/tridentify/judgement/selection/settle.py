@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -16,13 +15,11 @@ from tridentify.judgement.causes.attempts.intersample import (
     Behaviours,
     behaviours,
     better_behaviour,
-    seems_held,
 )
 from tridentify.judgement.choice import with_behaviour
-from tridentify.judgement.selection.finish_candidates import CandidateTask, run_task
 from tridentify.judgement.selection.orders import order_label
 from tridentify.judgement.selection.result import Selection, SelectionRow
-from tridentify.judgement.selection.table import SelectionTable, table_of
+from tridentify.judgement.selection.table import SelectionTable
 from tridentify.record.checks.samples import Behaviour
 from tridentify.record.record import Record
 from tridentify.structure import Structure
@@ -75,13 +72,12 @@ def resettled(
     unseen: tuple[Record, ...],
     settled: SettledRecords,
     table: SelectionTable,
-    method: Method,
 ) -> SettledRecords | None:
     """Another behaviour, where the likeliest candidate finds one clearly better.
 
     The candidate in the middle may explain little of the record (two resonances, three poles): what
     it says of the time between the samples is then worth little. The likeliest is heard when it is
-    known, before the whole searches, and plainer ones where the input may have been held.
+    known, before the whole searches.
     """
     place = table.best("bic") if settled.told else None
     estimate = None if place is None else table.entries[place].estimate
@@ -90,7 +86,7 @@ def resettled(
     found = behaviours(estimate, settled.records)
     if found is not None and found.advised != found.present:
         return _changed(records, unseen, found.advised, table.entries[place].structure)
-    return None if seems_held(records) else _plainer(records, unseen, settled, table, method)
+    return None
 
 
 def resettled_again(
@@ -171,38 +167,6 @@ def _changed(
     return SettledRecords(
         seen, tuple(record.settled(to) for record in unseen), (_told(seen[0], by),)
     )
-
-
-def _plainer(
-    records: tuple[Record, ...],
-    unseen: tuple[Record, ...],
-    settled: SettledRecords,
-    table: SelectionTable,
-    method: Method,
-) -> SettledRecords | None:
-    """Whether a plainer candidate with a held input explains more than the likeliest as it is.
-
-    An input that was held and is joined comes half a sample early, which further zeros and poles
-    make good: the likeliest candidate, which has them, is content with either.
-    """
-    place = table.best("bic")
-    if place is None or settled.records[0].behaviour == "zoh":
-        return None
-    best, rows = table.criteria[place], table.contenders
-    least = math.inf if best is None else best.bic
-    held = tuple(record.settled("zoh") for record in records)
-    orders = next((tuple(a.size for a in one) for one in table.noise if one), ())
-    for n in (rows[place].n_poles, rows[place].n_poles - 1):
-        alike = [k for k, row in enumerate(rows) if row.n_poles == n]
-        few = min(alike, key=lambda k: rows[k].criteria.n_unknowns, default=place)
-        asked = table.entries[few].structure
-        if few == place or asked.constrained:
-            continue
-        entry = run_task(CandidateTask(held, asked, method, shared=False))
-        own = table_of([entry], held, orders).criteria[0]
-        if own is not None and own.bic < least:
-            return _changed(records, unseen, "zoh", asked)
-    return None
 
 
 def _middle(structures: Sequence[Structure]) -> Structure:

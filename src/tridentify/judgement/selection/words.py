@@ -166,10 +166,7 @@ def _passed_over(rows: Sequence[SelectionRow], place: int) -> str:
 
 
 def reason_of(
-    rows: Sequence[SelectionRow],
-    contenders: Sequence[Contender],
-    place: int | None,
-    missed: bool,
+    rows: Sequence[SelectionRow], contenders: Sequence[Contender], place: int | None, missed: bool
 ) -> str:
     """Say why a row is recommended, in a few sentences.
 

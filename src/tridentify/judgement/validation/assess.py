@@ -15,11 +15,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import ndtri
 
-from tridentify.errors import (
-    OptionError,
-    SampleTypeError,
-    TridentifyError,
-)
+from tridentify.errors import OptionError, SampleTypeError, TridentifyError
 from tridentify.estimation.answer.assemble import fingerprint
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding, joined
@@ -30,7 +26,6 @@ from tridentify.judgement.causes.attempts.fewer import VAGUE
 from tridentify.judgement.causes.attempts.first_samples import Predictions, beginning
 from tridentify.judgement.causes.sensors.input_floor import may_carry_noise
 from tridentify.judgement.validation.foretold import validate_foretold
-from tridentify.judgement.validation.known_causes import KnownCauses
 from tridentify.judgement.validation.phrases import decapitalised
 from tridentify.judgement.validation.remembered import (
     as_identified,
@@ -40,19 +35,9 @@ from tridentify.judgement.validation.remembered import (
     remembered,
 )
 from tridentify.judgement.validation.residuals import View, look
-from tridentify.judgement.validation.result import (
-    Check,
-    CrossCorrelation,
-    Stationarity,
-    Transfer,
-    Validation,
-    Whiteness,
-)
+from tridentify.judgement.validation.result import Stationarity, Validation, Whiteness, untested
 from tridentify.judgement.validation.statistics.correlation import correlate
-from tridentify.judgement.validation.statistics.evidence import (
-    Evidence,
-    suspicious,
-)
+from tridentify.judgement.validation.statistics.evidence import Evidence, suspicious
 from tridentify.judgement.validation.statistics.likelihood_ratio import CALLED
 from tridentify.judgement.validation.statistics.transfer import carried_over
 from tridentify.judgement.validation.tried import may_react, starts_wild, torn_at, try_causes
@@ -302,11 +287,11 @@ def _lags(view: View) -> int:
 
 def _judge(estimate: Estimate, view: View, level: float, n_lags: int) -> Validation:
     if any(output.is_rounding for output in view.outputs):
-        return _exact(estimate, view, level)
+        return _untested(estimate, view, level)
     outputs, n_inputs = range(len(view.outputs)), view.records[0].n_inputs
     rate = (1.0 - level) * OUTLIERS / len(outputs)
     tried = try_causes(view, estimate, n_lags, rate)
-    view, evidence, explained = tried.view, tried.evidence, tried.explained
+    view, evidence = tried.view, tried.evidence
     noises = [one.noise for one in evidence]
     transfer = None if view.own else carried_over(view, estimate, noises)
     tests = family(evidence, estimate.output_names, transfer)
@@ -328,96 +313,39 @@ def _judge(estimate: Estimate, view: View, level: float, n_lags: int) -> Validat
         for i in outputs
         for j in range(n_inputs)
     )
-    found = findings(
-        view,
-        evidence,
-        pictures,
-        tests,
-        transfer,
-        KnownCauses(estimate, explained, tried.again, tried.without_bad),
-    )
+    found = findings(tried, pictures, tests, transfer)
     if estimate.loss != "squared" or tried.wanders:
         # a robust loss does not follow them, and a delay that varies leaves some that it makes
         found = tuple(replace(f, severity="note") if f.code == "bad-samples" else f for f in found)
-    fit, r2 = _fits(view)
-    return _assemble(
-        estimate,
-        view,
-        level,
-        (fit, r2),
-        evidence,
-        pictures,
-        transfer,
-        tuple(tests),
-        (
-            found,
-            in_words(found, estimate.output_names, transfer, fit.tolist()),
-            _notes(view, evidence),
-        ),
-    )
-
-
-def _assemble(
-    estimate: Estimate,
-    view: View,
-    level: float,
-    fits: tuple[Array, Array],
-    evidence: Sequence[Evidence],
-    pictures: tuple[CrossCorrelation, ...],
-    transfer: Transfer | None,
-    tests: tuple[Check, ...],
-    said: tuple[tuple, str, tuple[str, ...]],  # type: ignore[type-arg]
-) -> Validation:
     innovations = zip(*(one.innovations for one in evidence), strict=True)
-    return Validation(
-        fits[0],
-        fits[1],
-        tuple(_whiteness(one, view, i, level) for i, one in enumerate(evidence)),
-        pictures,
-        tuple(one.normality for one in evidence),
-        tuple(_stationarity(one, view, i) for i, one in enumerate(evidence)),
-        transfer,
-        tests,
-        said[0],
-        said[1],
-        said[2],
-        level,
-        view.own,
-        estimate.output_names,
-        estimate.input_names,
-        tuple(np.array(record.t) for record in view.records),
-        _residual(view),
-        tuple(np.stack(one, axis=1) for one in innovations),
-        dict(estimate.units),
-        view.uneven,
+    plain = _untested(estimate, view, level)
+    return replace(
+        plain,
+        whiteness=tuple(_whiteness(one, view, i, level) for i, one in enumerate(evidence)),
+        cross_correlation=pictures,
+        normality=tuple(one.normality for one in evidence),
+        stationarity=tuple(_stationarity(one, view, i) for i, one in enumerate(evidence)),
+        transfer=transfer,
+        tests=tuple(tests),
+        findings=found,
+        verdict=in_words(found, estimate.output_names, transfer, plain.fit.tolist()),
+        notes=_notes(view, evidence),
+        innovations=tuple(np.stack(one, axis=1) for one in innovations),
     )
 
 
-def _exact(estimate: Estimate, view: View, level: float) -> Validation:
+def _untested(estimate: Estimate, view: View, level: float) -> Validation:
     """A record without noise: the residual is rounding, and there is nothing to test."""
-    fit, r2 = _fits(view)
-    nothing = tuple(np.zeros_like(one) for one in _residual(view))
-    return Validation(
-        fit,
-        r2,
-        (),
-        (),
-        (),
-        (),
-        None,
-        (),
-        (),
-        "Nothing speaks against the model: the residual of an output is no more than rounding.",
-        (*view.told, "a residual that is rounding is not tested"),
+    return untested(
+        estimate,
+        view.records,
         level,
-        view.own,
-        estimate.output_names,
-        estimate.input_names,
-        tuple(np.array(record.t) for record in view.records),
-        _residual(view),
-        nothing,
-        dict(estimate.units),
-        view.uneven,
+        own=view.own,
+        fits=_fits(view),
+        residual=_residual(view),
+        verdict="Nothing speaks against the model: the residual of an output is no more than "
+        "rounding.",
+        notes=(*view.told, "a residual that is rounding is not tested"),
     )
 
 

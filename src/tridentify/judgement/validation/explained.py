@@ -134,9 +134,9 @@ def explanations(
     """
     if estimate.structure.constrained and not _integrates(estimate):
         return None
-    skip = ("delay",) if estimate.structure.delay == "free" else ()
     present = present_of(view, estimate, noises)
-    found = explain(present, skip=skip, torn=torn, only=only, known=known)
+    free = estimate.structure.delay == "free"
+    found = explain(present, free=free, torn=torn, only=only, known=known)
     if found is None or not view.own:
         return found
     return replace(found, printed=_printed(view, estimate, found.present))

@@ -10,6 +10,7 @@ is tested, and that is said.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,12 +19,11 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.closed_loop.joint import Together
 from tridentify.estimation.closed_loop.unstable_answer import open_loops, orders_of
-from tridentify.estimation.likelihood.setup.raster import are_even
 from tridentify.estimation.methods.in_loop import plant_of
 from tridentify.judgement.causes.signals.surprises import moved
 from tridentify.judgement.validation.phrases import one_finding
 from tridentify.judgement.validation.residuals import check_channels
-from tridentify.judgement.validation.result import Check, Validation
+from tridentify.judgement.validation.result import Check, Validation, untested
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import most_coefficients
 from tridentify.numerics.lagrange import added, holm, span
@@ -68,26 +68,41 @@ def validate_foretold(
         none = tuple(np.full(record.y.shape, np.nan) for record in records)
         lost = np.full(len(estimate.output_names), np.nan)
         fit = np.array(estimate.fit) if own else lost.copy()
-        verdict = f"No verdict: {NO_RESPONSE_BESIDE}; {NOT_TESTED}."
-        untested = _untested(estimate.output_names)
-        judged = ((), untested, verdict)
-        return _assembled(estimate, records, level, (fit, lost), (none, none), judged, own)
+        nothing = untested(
+            estimate,
+            records,
+            level,
+            own=own,
+            fits=(fit, lost),
+            residual=none,
+            findings=_not_tested(estimate.output_names),
+            verdict=f"No verdict: {NO_RESPONSE_BESIDE}; {NOT_TESTED}.",
+            notes=(NO_RESPONSE_BESIDE, NOT_TESTED),
+        )
+        return replace(nothing, innovations=none)
     tests = _tests(there, records, level)
     found = _findings(tests, estimate.output_names[0])
     grown = [one.predictor.amplification for one in there.ahead]
     errors = [one / size for one, size in zip(there.errors, grown, strict=True)]
     fits = _fits(records, errors)
     where = f"fit {estimate.output_names[0]} {fits[0][0]:.1f} %, one sample ahead"
-    verdict = (
-        f"{found[0].message[:-1]} ({where})."
-        if found
-        else f"Nothing speaks against the predictor of the model ({where})."
-    )
     size = np.sqrt(there.size / max(there.count - there.unknowns, 1))
     places = np.cumsum([one.seen.size for one in there.ahead])[:-1]
-    white = tuple(one[:, None] for one in np.split(there.innovations / size, places))
-    left = tuple(one[:, None] for one in errors)
-    return _assembled(estimate, records, level, fits, (left, white), (tests, found, verdict), own)
+    plain = untested(
+        estimate,
+        records,
+        level,
+        own=own,
+        fits=fits,
+        residual=tuple(one[:, None] for one in errors),
+        findings=found,
+        verdict=f"{found[0].message[:-1]} ({where})."
+        if found
+        else f"Nothing speaks against the predictor of the model ({where}).",
+        notes=(NO_RESPONSE_BESIDE,),
+    )
+    white = np.split(there.innovations / size, places)
+    return replace(plain, tests=tests, innovations=tuple(one[:, None] for one in white))
 
 
 def _at(estimate: Estimate, records: Sequence[Record]) -> Together | None:
@@ -137,7 +152,7 @@ def _tests(there: Together, records: Sequence[Record], level: float) -> tuple[Ch
     return tuple(Check(what, name, float(p), bool(far)) for (what, p), far in pairs)
 
 
-def _untested(names: Sequence[str]) -> tuple[Finding, ...]:
+def _not_tested(names: Sequence[str]) -> tuple[Finding, ...]:
     said = f"Nothing was tested of {', '.join(names)}: {NO_RESPONSE_BESIDE}, which cannot be made."
     remedy = "Compare the coefficients of two records, or of the halves of one."
     return (Finding("unstable", "warning", said, remedy, tuple(names)),)
@@ -178,38 +193,3 @@ def _fits(records: Sequence[Record], errors: Sequence[Array]) -> tuple[Array, Ar
     left = sum(float(np.nansum(one**2)) for one in errors)
     share = left / spread if spread > 0 else np.nan
     return np.array([100.0 * (1.0 - np.sqrt(share))]), np.array([1.0 - share])
-
-
-def _assembled(
-    estimate: Estimate,
-    records: Sequence[Record],
-    level: float,
-    fits: tuple[Array, Array],
-    left: tuple[tuple[Array, ...], tuple[Array, ...]],
-    judged: tuple[tuple[Check, ...], tuple[Finding, ...], str],
-    own: bool,
-) -> Validation:
-    tests, found, verdict = judged
-    notes = (NO_RESPONSE_BESIDE,) if tests else (NO_RESPONSE_BESIDE, NOT_TESTED)
-    return Validation(
-        fit=fits[0],
-        r2=fits[1],
-        whiteness=(),
-        cross_correlation=(),
-        normality=(),
-        stationarity=(),
-        transfer=None,
-        tests=tests,
-        findings=found,
-        verdict=verdict,
-        notes=notes,
-        level=level,
-        own=own,
-        output_names=estimate.output_names,
-        input_names=estimate.input_names,
-        times=tuple(np.array(record.t) for record in records),
-        residual=left[0],
-        innovations=left[1],
-        units=dict(estimate.units),
-        uneven=not are_even(records),
-    )

@@ -1,37 +1,41 @@
-"""What is known of causes when test results are put into words."""
+"""What the tests and the causes that were fitted tell of a view, before it is put into words."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.causes.attempts.explanation import Explanation, Explanations
-from tridentify.judgement.validation.explained import (
-    follows_no_better,
-    told_alone,
-)
+from tridentify.judgement.validation.explained import follows_no_better, told_alone
+from tridentify.judgement.validation.residuals import View
 from tridentify.judgement.validation.statistics.evidence import Evidence
 from tridentify.judgement.validation.statistics.likelihood_ratio import CALLED
 
 
-class KnownCauses(NamedTuple):
-    """What is known of causes when test results are put into words.
+@dataclass(frozen=True, eq=False)
+class KnownCauses:
+    """What was found about all outputs.
 
     Attributes
     ----------
     estimate : Estimate
+    view : View
+        Without samples that are bad, where these were taken out.
+    evidence : list of Evidence
+        One per output.
     explained : Explanations or None
-        The causes that were fitted; None where nothing called for it.
+        Causes that were fitted; None where nothing called for it.
     again : list of Evidence or None
         Per output, what is found beside the cause that is named; None where that was not looked
         at.
     without_bad : str
-        How far the coefficients move without samples that stand alone; empty where that was not
-        tried.
+        How far the coefficients move without samples that are bad; empty where none are.
     """
 
     estimate: Estimate
+    view: View
+    evidence: list[Evidence]
     explained: Explanations | None
     again: list[Evidence | None]
     without_bad: str
@@ -40,6 +44,19 @@ class KnownCauses(NamedTuple):
     def named(self) -> Explanation | None:
         """The cause that explains most."""
         return None if self.explained is None else self.explained.named
+
+    @property
+    def wanders(self) -> bool:
+        """Whether it is a delay that varies."""
+        named = self.named
+        return named is not None and named.rival.exact and named.rival.code == "varying"
+
+    @property
+    def cause(self) -> str:
+        """Code of the cause that is named; empty where none is."""
+        if self.explained is not None and any(self.explained.reacts):
+            return "feedback"
+        return "" if self.named is None else self.named.rival.code
 
     @property
     def robust(self) -> bool:

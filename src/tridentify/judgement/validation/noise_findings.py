@@ -12,6 +12,7 @@ from tridentify.judgement.validation.noise_of_each import of_each
 from tridentify.judgement.validation.phrases import (
     AT_MOVES,
     LOOK_THERE,
+    around_top,
     one_finding,
     seconds,
     when,
@@ -29,6 +30,9 @@ MATTERS = 1.5
 """Largest over smallest size of the noise from which standard errors are called wrong: those of
 halves of a record at 1 and 1.5 are off by a quarter at most."""
 
+MOSTLY_WITHIN = 2.58
+"""Standard deviations that 99 % of a correlation of white noise stays within."""
+
 SET_IN = (
     "record what acts there (a door, a load, a gust) as an input, or identify stretches without "
     "it; look whether rows of the file are missing there"
@@ -37,14 +41,10 @@ SET_IN = (
 
 
 def about_noise(
-    view: View,
-    one: Evidence,
-    name: str,
-    rejected: dict[tuple[str, str], float],
-    beside: KnownCauses,
+    one: Evidence, name: str, rejected: dict[tuple[str, str], float], beside: KnownCauses
 ) -> list[Finding]:
     """Samples that stand alone, a distribution that is not Gaussian, noise of changing size."""
-    found = []
+    view, found = beside.view, []
     rows = one.normality.shocks
     if len(rows) and not np.isnan(one.scale):
         far = rows[np.argsort(-np.abs(rows[:, 2]))][:3]
@@ -171,8 +171,9 @@ def _times(ratio: float) -> str:
     return f"{ratio:.2f}" if 0.1 <= ratio < 100.0 else f"{float(f'{ratio:.2g}'):.10g}"
 
 
-def not_white(view: View, one: Evidence, name: str, beside: KnownCauses) -> Finding:
+def not_white(one: Evidence, name: str, beside: KnownCauses) -> Finding:
     """A residual that is correlated with itself, and whether the errors that are stated know it."""
+    view = beside.view
     modelled = _has_noise(view, name)
     noise = "the noise model does not fit" if modelled else "the noise is not white"
     if view.own and not modelled and beside.estimate.trace.about(DecisionKind.NOISE_WHITE):
@@ -224,17 +225,8 @@ def _has_noise(view: View, name: str) -> bool:
     return any(output.name == name and output.noise.size > 0 for output in view.outputs)
 
 
-def _reach_of(view: View, one: Evidence) -> tuple[float, float]:
+def _reach(view: View, one: Evidence) -> str:
     found = one.autocorrelation
     ratio = np.abs(found.value - found.mean) / np.where(found.std > 0, found.std, np.inf)
-    top = int(np.argmax(ratio))
-    low = high = top
-    while low > 0 and ratio[low - 1] > 2.58:
-        low -= 1
-    while high + 1 < ratio.size and ratio[high + 1] > 2.58:
-        high += 1
-    return (low + 1) * view.step, (high + 1) * view.step
-
-
-def _reach(view: View, one: Evidence) -> str:
-    return seconds(*_reach_of(view, one))
+    low, high = around_top(ratio, MOSTLY_WITHIN)
+    return seconds((low + 1) * view.step, (high + 1) * view.step)

@@ -85,7 +85,7 @@ class _Gain:
 
 
 def about_other_record(
-    found: Sequence[Finding], view: View, transfer: Transfer, beside: KnownCauses
+    found: Sequence[Finding], transfer: Transfer, beside: KnownCauses
 ) -> list[Finding]:
     """Findings of another record, with what makes it another one first.
 
@@ -93,10 +93,10 @@ def about_other_record(
     ----------
     found : sequence of Finding
         With one that says that the coefficients are others, or they are given back as they are.
-    view : View
     transfer : Transfer
     beside : KnownCauses
     """
+    view = beside.view
     said = [one for one in found if one.code == "another-system"]
     if not said or view.own:
         return list(found)

@@ -34,6 +34,22 @@ def span(low: float, high: float) -> str:
     return a if a == b else f"{a}-{b}"
 
 
+def around_top(ratio: Array, limit: float) -> tuple[int, int]:
+    """First and last of the places beside the largest that are above a limit too.
+
+    Examples
+    --------
+    >>> around_top(np.array([2.0, 0.5, 3.0, 1.5, 0.1]), 1.0)
+    (2, 3)
+    """
+    low = high = int(np.argmax(ratio))
+    while low > 0 and ratio[low - 1] > limit:
+        low -= 1
+    while high + 1 < ratio.size and ratio[high + 1] > limit:
+        high += 1
+    return low, high
+
+
 AT_MOVES = (
     "where an input moves: what happens there is too fast for the model, or the times of the moves "
     "are not those of the samples, unless switching disturbs the sensor"

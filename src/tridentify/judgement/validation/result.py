@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import html
 import textwrap
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
 import numpy as np
 
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
+from tridentify.estimation.likelihood.setup.raster import are_even
 from tridentify.numerics.arrays import Array
+from tridentify.record.record import Record
 from tridentify.writing.layout import format_p, format_table, html_table
 
 _WIDTH = 78
@@ -286,11 +290,7 @@ class Validation:
 
     def _rows(self) -> list[tuple[str, ...]]:
         return [
-            (
-                test.name,
-                format_p(test.p_value) + "*" * test.rejected,
-                test.output,
-            )
+            (test.name, format_p(test.p_value) + "*" * test.rejected, test.output)
             for test in self.tests
         ]
 
@@ -313,6 +313,57 @@ class Validation:
             for field in fields(self)
             if field.name not in left
         }
+
+
+def untested(
+    estimate: Estimate,
+    records: Sequence[Record],
+    level: float,
+    *,
+    own: bool,
+    fits: tuple[Array, Array],
+    residual: tuple[Array, ...],
+    verdict: str,
+    notes: tuple[str, ...],
+    findings: tuple[Finding, ...] = (),
+) -> Validation:
+    """A validation before anything is tested, its innovations zero.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    records : sequence of Record
+    level : float
+    own : bool
+    fits : tuple of (n_outputs,) arrays
+        Fit [percent] and R2.
+    residual : tuple of (n_samples, n_outputs) arrays
+    verdict : str
+    notes : tuple of str
+    findings : tuple of Finding
+    """
+    return Validation(
+        fit=fits[0],
+        r2=fits[1],
+        whiteness=(),
+        cross_correlation=(),
+        normality=(),
+        stationarity=(),
+        transfer=None,
+        tests=(),
+        findings=findings,
+        verdict=verdict,
+        notes=notes,
+        level=level,
+        own=own,
+        output_names=estimate.output_names,
+        input_names=estimate.input_names,
+        times=tuple(np.array(record.t) for record in records),
+        residual=residual,
+        innovations=tuple(np.zeros_like(one) for one in residual),
+        units=dict(estimate.units),
+        uneven=not are_even(records),
+    )
 
 
 def _item(finding: Finding) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -43,6 +43,7 @@ from tridentify.judgement.validation.far_samples import (
     with_those_between,
     without_foreseen,
 )
+from tridentify.judgement.validation.known_causes import KnownCauses
 from tridentify.judgement.validation.residuals import View, refitted
 from tridentify.judgement.validation.statistics.distribution import distribution
 from tridentify.judgement.validation.statistics.evidence import (
@@ -72,50 +73,6 @@ LOOKS = 3
 """Times that bad samples are looked for beside those that were found."""
 FEW_BAD = 0.97
 """Share of the samples that must be left where those that stand alone are taken out."""
-
-
-@dataclass(frozen=True, eq=False)
-class TriedCauses:
-    """What was found about all outputs.
-
-    Attributes
-    ----------
-    view : View
-        Without samples that are bad, where these were taken out.
-    evidence : list of Evidence
-        One per output.
-    explained : Explanations or None
-        Causes that were fitted; None where nothing called for it.
-    again : list of Evidence or None
-        Per output, what is found beside the cause that is named; None where that was not looked
-        at.
-    without_bad : str
-        How far the coefficients move without samples that are bad; empty where none are.
-    """
-
-    view: View
-    evidence: list[Evidence]
-    explained: Explanations | None
-    again: list[Evidence | None]
-    without_bad: str
-
-    @property
-    def named(self) -> Explanation | None:
-        """The cause that explains most."""
-        return None if self.explained is None else self.explained.named
-
-    @property
-    def wanders(self) -> bool:
-        """Whether it is a delay that varies."""
-        named = self.named
-        return named is not None and named.rival.exact and named.rival.code == "varying"
-
-    @property
-    def cause(self) -> str:
-        """Code of the cause that is named; empty where none is."""
-        if self.explained is not None and any(self.explained.reacts):
-            return "feedback"
-        return "" if self.named is None else self.named.rival.code
 
 
 def torn_at(view: View) -> list[Place]:
@@ -172,7 +129,7 @@ def starts_wild(view: View) -> bool:
     return False
 
 
-def try_causes(view: View, estimate: Estimate, n_lags: int, rate: float) -> TriedCauses:
+def try_causes(view: View, estimate: Estimate, n_lags: int, rate: float) -> KnownCauses:
     """Make all tests, and fit what may explain what they find.
 
     Where the state of the model jumps rows may have been lost; if that is not what explains the
@@ -242,7 +199,7 @@ class _Setting(NamedTuple):
 
 def _tried(
     view: View, setting: _Setting, without_bad: bool, known: Explanations | None = None
-) -> TriedCauses:
+) -> KnownCauses:
     """All tests and causes, with the bad samples or without; not yet what is left beside them."""
     torn = setting.torn
     outputs = range(len(view.outputs))
@@ -268,15 +225,17 @@ def _tried(
     elif view.own and may_carry_noise(view.records):
         explained = of_input_noise(view, setting.estimate, [one.noise for one in evidence])
     evidence = _reacting(view, evidence, explained)
-    return TriedCauses(view, evidence, explained, [None for _ in outputs], moved_by)
+    return KnownCauses(
+        setting.estimate, view, evidence, explained, [None for _ in outputs], moved_by
+    )
 
 
-def _looked_again(tried: TriedCauses, given: View, setting: _Setting) -> TriedCauses:
+def _looked_again(tried: KnownCauses, given: View, setting: _Setting) -> KnownCauses:
     """With what is found beside the cause that is named.
 
     Parameters
     ----------
-    tried : TriedCauses
+    tried : KnownCauses
     given : View
         With the bad samples.
     setting : _Setting
@@ -305,14 +264,14 @@ def _beside(named: Explanation, view: View, i: int, one: Evidence) -> Evidence:
     return with_outliers(one, still_far(named, view, i, one.normality.outliers))
 
 
-def _ends(tried: TriedCauses) -> tuple[Attempt, ...]:
+def _ends(tried: KnownCauses) -> tuple[Attempt, ...]:
     """Where the cause that is named ended, or the present explanation."""
     assert tried.explained is not None
     named = tried.named
     return (tried.explained.present,) if named is None else named.attempts
 
 
-def _far_without(tried: TriedCauses, given: View) -> int:
+def _far_without(tried: KnownCauses, given: View) -> int:
     """Bad samples that stay far from the cause that is named, fitted without them.
 
     All of them where it was fitted with them: nothing but them called for a cause.

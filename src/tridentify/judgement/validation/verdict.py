@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding, ranked
 from tridentify.judgement.causes.attempts.feedback import Coming
+from tridentify.judgement.causes.attempts.told_apart import answers_at_once
 from tridentify.judgement.validation.explained import (
     drift_tried,
     finding_of,
@@ -18,13 +18,10 @@ from tridentify.judgement.validation.explained import (
 )
 from tridentify.judgement.validation.interpolated import beside_lines, interpolated_findings
 from tridentify.judgement.validation.known_causes import KnownCauses
-from tridentify.judgement.validation.noise_findings import (
-    about_noise,
-    carried_findings,
-    not_white,
-)
+from tridentify.judgement.validation.noise_findings import about_noise, carried_findings, not_white
 from tridentify.judgement.validation.other_record import about_other_record
 from tridentify.judgement.validation.phrases import (
+    around_top,
     decapitalised,
     one_finding,
     seconds,
@@ -82,27 +79,24 @@ may leave some of it."""
 
 
 def findings(
-    view: View,
-    evidence: Sequence[Evidence],
+    beside: KnownCauses,
     pictures: Sequence[CrossCorrelation],
     tests: Sequence[Check],
     transfer: Transfer | None,
-    beside: KnownCauses,
 ) -> tuple[Finding, ...]:
     """All findings, the most important first.
 
     Parameters
     ----------
-    view : View
-    evidence : sequence of Evidence, one per output
+    beside : KnownCauses
+        What was seen, and what would explain the residual.
     pictures : sequence of CrossCorrelation
         Output by output.
     tests : sequence of Check
         Judged.
     transfer : Transfer or None
-    beside : KnownCauses
-        What would explain the residual.
     """
+    view, evidence = beside.view, beside.evidence
     rejected = {(test.name, test.output): test.p_value for test in tests if test.rejected}
     found: list[Finding] = []
     n_inputs = view.records[0].n_inputs
@@ -122,7 +116,7 @@ def findings(
         elif ("past inputs", name) in rejected:
             found.append(_unexplained(one, own, beside))
         reacts = None if beside.explained is None else beside.explained.reacts[i]
-        found += _about_one(view, one, name, left, own, beside, reacts)
+        found += _about_one(one, name, left, own, beside, reacts)
     if concerned and beside.named is not None and beside.explained is not None:
         names = [name for name, _ in concerned]
         where = sentence(concerned[0][1])[:-1]
@@ -135,7 +129,7 @@ def findings(
         found.append(finding_of(beside.alone, beside.explained, beside.estimate, (), where))
     if transfer is not None:
         found += carried_findings(view, transfer, rejected)
-        found = about_other_record(found, view, transfer, beside)
+        found = about_other_record(found, transfer, beside)
     if beside.estimate.route == "direct":
         found = [_as_noise(one) if one.code == "drift" else one for one in found]
     made = interpolated_findings(view.records, beside.estimate if view.own else None)
@@ -193,13 +187,7 @@ def _around(picture: CrossCorrelation, past: bool) -> tuple[float, float]:
     side = picture.lags >= 0 if past else picture.lags < 0
     lags = picture.lags[side]
     bound = np.where(picture.bound[side] > 0, picture.bound[side], np.inf)
-    ratio = np.abs(picture.correlation[side]) / bound
-    top = int(np.argmax(ratio))
-    low = high = top
-    while low > 0 and ratio[low - 1] > 1:
-        low -= 1
-    while high + 1 < ratio.size and ratio[high + 1] > 1:
-        high += 1
+    low, high = around_top(np.abs(picture.correlation[side]) / bound, 1.0)
     first, last = float(lags[low]), float(lags[high])
     return (first, last) if past else (-last, -first)
 
@@ -233,7 +221,6 @@ def _unexplained(
 
 
 def _about_one(
-    view: View,
     one: Evidence,
     name: str,
     rejected: dict[tuple[str, str], float],
@@ -250,7 +237,9 @@ def _about_one(
             )
 
     if ("feedback", name) in rejected:
-        found.append(_feedback(view, name, pictures, reacts, _strictly_proper(beside.estimate)))
+        found.append(
+            _feedback(beside.view, name, pictures, reacts, not answers_at_once(beside.estimate))
+        )
     add(
         "drift",
         "level",
@@ -259,7 +248,7 @@ def _about_one(
         *drift_tried(beside.explained, beside.estimate),
     )
     if ("white", name) in rejected:
-        found.append(not_white(view, one, name, beside))
+        found.append(not_white(one, name, beside))
     add(
         "nonlinear",
         "linear",
@@ -274,15 +263,8 @@ def _about_one(
         "samples",
         "identify the parts on their own, or use online.ThreeModel(forgetting=...)",
     )
-    found += about_noise(view, one, name, rejected, beside)
+    found += about_noise(one, name, rejected, beside)
     return found
-
-
-def _strictly_proper(estimate: Estimate) -> bool:
-    """Whether no input of a model acts in the same sample."""
-    shape = len(estimate.output_names), len(estimate.input_names)
-    poles = np.array(estimate.structure.poles_matrix(*shape))
-    return bool(np.all(poles > np.array(estimate.structure.zeros_matrix(*shape))))
 
 
 def _feedback(

@@ -166,9 +166,7 @@ def _moved(
     return State(
         found,
         stage.but(
-            blueprint=blueprint,
-            poles=new.filter_poles,
-            extra=_kept(stage, batches, rate, periods),
+            blueprint=blueprint, poles=new.filter_poles, extra=_kept(stage, batches, rate, periods)
         ),
     )
 

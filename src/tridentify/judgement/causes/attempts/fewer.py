@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtri
@@ -29,11 +30,7 @@ from tridentify.judgement.causes.attempts.revisit import (
     without_outliers,
 )
 from tridentify.numerics.arrays import Array, Complex
-from tridentify.numerics.autoregression import (
-    deviance,
-    fit_autoregression,
-    most_coefficients,
-)
+from tridentify.numerics.autoregression import deviance, fit_autoregression, most_coefficients
 from tridentify.numerics.realization import sort_poles
 from tridentify.record.record import Record
 
@@ -135,12 +132,25 @@ def foretold(records: Sequence[Record], n_poles: int) -> bool | None:
     n_poles : int
         Of the model; so many lags of the input, and `MORE_LAGS`, are looked at.
     """
+    alone = _by_itself(records)
+    return None if alone is None else _any_moved(*alone, n_poles)
+
+
+class _ByItself(NamedTuple):
+    """The beginnings of records, outputs about their means, and what these do by themselves."""
+
+    levelled: list[Array]
+    records: list[Record]
+    noise: list[Array]
+
+
+def _by_itself(records: Sequence[Record]) -> _ByItself | None:
+    """None where time is uneven."""
     if any(record.dt is None for record in records):
         return None
     short = [beginning(record, LONGEST) for record in records]
     levelled = [_levelled(record.y) for record in short]
-    noise = [_noise_of(levelled, i) for i in range(short[0].n_outputs)]
-    return _any_moved(levelled, short, noise, n_poles)
+    return _ByItself(levelled, short, [_noise_of(levelled, i) for i in range(short[0].n_outputs)])
 
 
 def _any_moved(
@@ -164,21 +174,17 @@ def _follows_by_chance(estimate: Estimate, records: Sequence[Record]) -> bool:
     What the model explains so much better than a model of the noise alone that `_is_noise` would
     say no in any case is not looked at.
     """
-    if any(record.dt is None for record in records):
+    alone, poles = _by_itself(records), estimate.structure.poles
+    if alone is None or not any(_wanders(a, alone.records) for a in alone.noise):
         return False
-    short = [beginning(record, LONGEST) for record in records]
-    levelled = [_levelled(record.y) for record in short]
-    noise = [_noise_of(levelled, i) for i in range(short[0].n_outputs)]
-    if not any(_wanders(a, short) for a in noise) or _answers(estimate, short, levelled, noise):
+    if _answers(estimate, alone):
         return False
-    poles = estimate.structure.poles
-    return isinstance(poles, int) and not _any_moved(levelled, short, noise, poles)
+    return isinstance(poles, int) and not _any_moved(*alone, poles)
 
 
-def _answers(
-    estimate: Estimate, records: Sequence[Record], levelled: Sequence[Array], noise: Sequence[Array]
-) -> bool:
+def _answers(estimate: Estimate, alone: _ByItself) -> bool:
     """Whether the model as it is explains more than noise alone, with the longest noise model."""
+    levelled, records, noise = alone
     if len(estimate.outliers):
         return False
     try:

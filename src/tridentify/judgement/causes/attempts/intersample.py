@@ -20,11 +20,7 @@ from tridentify.estimation.likelihood.cost import Point, evaluate
 from tridentify.estimation.likelihood.minimum.levenberg_marquardt import coefficients
 from tridentify.estimation.likelihood.setup.problem import Problem
 from tridentify.judgement.causes.attempts.attempt import Attempt, attempt
-from tridentify.judgement.causes.attempts.revisit import (
-    point_of,
-    stated,
-    without_outliers,
-)
+from tridentify.judgement.causes.attempts.revisit import point_of, stated, without_outliers
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.interpolation import FEWEST
 from tridentify.record.checks.samples import Behaviour, is_switched

@@ -132,12 +132,7 @@ class Parallel:
 
     @classmethod
     def of(
-        cls,
-        records: Sequence[Record],
-        output: int,
-        resonance: float = 0.0,
-        *,
-        direct: bool = False,
+        cls, records: Sequence[Record], output: int, resonance: float = 0.0, *, direct: bool = False
     ) -> Parallel:
         """Without delays, the noise taken for white."""
         none = (0.0,) * records[0].n_inputs

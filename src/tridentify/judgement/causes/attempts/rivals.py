@@ -276,12 +276,7 @@ def drift_rivals(present: Present) -> Iterator[Rival]:
         yield one("drift", other, "an offset", "Estimate an offset (offset=True; --offset yes).")
     if not terms.drift:
         other = replace(present, nuisances=replace(terms, offset=True, drift=True))
-        yield one(
-            "drift",
-            other,
-            "a drift of the output",
-            ALONG,
-        )
+        yield one("drift", other, "a drift of the output", ALONG)
 
 
 def varying_rivals(present: Present) -> Iterator[Rival]:

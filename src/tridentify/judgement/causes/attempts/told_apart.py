@@ -22,6 +22,7 @@ from weakref import ReferenceType, WeakKeyDictionary, ref
 
 import numpy as np
 
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
 from tridentify.judgement.causes.attempts.first_samples import beginning
 from tridentify.numerics.arrays import Array
@@ -172,12 +173,42 @@ def rests(records: Sequence[Record], j: int) -> bool:
     return still_there > RESTING * max(count, 1)
 
 
+def answers_at_once(estimate: Estimate) -> bool:
+    """Whether an output has as many zeros as poles, as a resistance beside its cells.
+
+    It then tells what a sensor adds to its input as well.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    """
+    shape = len(estimate.output_names), len(estimate.input_names)
+    poles = np.array(estimate.structure.poles_matrix(*shape))
+    return bool(np.any(poles == np.array(estimate.structure.zeros_matrix(*shape))))
+
+
+def about_loop(
+    estimate: Estimate, records: Sequence[Record], tested: Sequence[Finding]
+) -> list[Finding]:
+    """Whether a controller alone moves the inputs, where no reference says what else did.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    records : sequence of Record
+    tested : sequence of Finding
+        Of the same records, with feedback where that was found.
+    """
+    if estimate.route == "reference" or any(record.dt is None for record in records):
+        return []
+    reacts = any(one.code == "feedback" for one in tested)
+    names = estimate.input_names
+    poles = int(np.max(estimate.structure.poles_matrix(len(estimate.output_names), len(names))))
+    return loop_findings(records, poles, names, reacts, answers_at_once(estimate))
+
+
 def loop_findings(
-    records: Sequence[Record],
-    poles: int,
-    names: Sequence[str],
-    reacts: bool,
-    at_once: bool = False,
+    records: Sequence[Record], poles: int, names: Sequence[str], reacts: bool, at_once: bool = False
 ) -> list[Finding]:
     """A word where the controller alone moves an input.
 

@@ -290,10 +290,7 @@ def _instant(y: Array, f: Array, scaled: bool) -> tuple[float, int, float]:
     places = np.arange(LONG_ENOUGH // 2, y.size - LONG_ENOUGH // 2)
     before, after = (
         (top[places - 1], bottom[places - 1]),
-        (
-            top[-1] - top[places - 1],
-            bottom[-1] - bottom[places - 1],
-        ),
+        (top[-1] - top[places - 1], bottom[-1] - bottom[places - 1]),
     )
     with np.errstate(divide="ignore", invalid="ignore"):
         left = whole - before[0] ** 2 / before[1] - after[0] ** 2 / after[1]

@@ -117,9 +117,7 @@ def levels_of(u: Array) -> Array:
     if not own:
         return levels
     means = _shared(
-        np.array([u[a:b].mean() for a, b in own]),
-        np.array([b - a for a, b in own]),
-        _noise(u, own),
+        np.array([u[a:b].mean() for a, b in own]), np.array([b - a for a, b in own]), _noise(u, own)
     )
     for (first, last), level in zip(own, means, strict=True):
         levels[first:last] = level

@@ -252,12 +252,7 @@ def whitened(output: Output, noise: Array, fitted: tuple[Array, ...]) -> tuple[A
 
 
 def modelled(
-    output: Output,
-    larger: Fitted,
-    noise: Array,
-    most: int,
-    fewest: int,
-    order: int | None = None,
+    output: Output, larger: Fitted, noise: Array, most: int, fewest: int, order: int | None = None
 ) -> Array:
     """A model of what no column explains, the columns fitted under the model before."""
     left, took = larger.left(output, noise)

@@ -21,7 +21,7 @@ from tridentify.record.formats.matlab.matlab_tree import (
 )
 
 NUMERIC = frozenset({"double", "single", "logical", "int8", "int16", "int32", "int64"}) | {
-    *("uint8", "uint16", "uint32", "uint64"),
+    *("uint8", "uint16", "uint32", "uint64")
 }
 
 

@@ -7,12 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tridentify.errors import (
-    ChannelNameError,
-    DuplicateColumnError,
-    SamplingError,
-    shown,
-)
+from tridentify.errors import ChannelNameError, DuplicateColumnError, SamplingError, shown
 from tridentify.numerics.arrays import Array
 from tridentify.record.checks.names import file_units
 from tridentify.record.formats.assemble import find_channel

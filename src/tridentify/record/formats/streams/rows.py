@@ -351,11 +351,7 @@ class RowReader:
         return None if np.isinf(values).any() else values
 
     def _one_by_one(
-        self,
-        read: Callable[[str], list[float] | None],
-        text: bytes,
-        ends: Indices,
-        offset: int,
+        self, read: Callable[[str], list[float] | None], text: bytes, ends: Indices, offset: int
     ) -> Array:
         values = self._nothing(len(ends))
         begin = 0

@@ -25,12 +25,7 @@ from collections.abc import Sequence
 from itertools import chain, islice
 from pathlib import Path
 
-from tridentify.errors import (
-    DuplicateColumnError,
-    EmptyFileError,
-    MissingHeaderError,
-    shown,
-)
+from tridentify.errors import DuplicateColumnError, EmptyFileError, MissingHeaderError, shown
 from tridentify.numerics.arrays import Array
 from tridentify.record.formats.apart.isolation import check_size
 from tridentify.record.formats.text import text_opening
