@@ -162,7 +162,7 @@ from tridentify.cli import main
 sys.argv = ["tridentify", *{words!r}]
 sys.exit(main())
 """
-"""The program, which tells when Python's own beginning is over: no code of ours can answer there."""
+"""The program, which tells when Python's own beginning is over: none of ours can answer there."""
 
 
 @pytest.mark.slow
