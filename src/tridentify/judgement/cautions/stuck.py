@@ -270,7 +270,7 @@ def _goes_on(y: Array, f: Array, first: int, length: int, much: float, q: float)
     After a sensor has hung the output jumps to where it would be. One that goes on from where it
     stood, by a step of the converter or less than half of the way that the model went, has stood
     still: it sticks, or its input is too small to move it. Not one that stood still at once, from a
-    speed that it does not lose in one sample elsewhere: it hung, and came back near there by chance.
+    speed that it does not lose in one sample elsewhere: it hung, and is back near there by chance.
     """
     after = first + length
     if after >= y.size or not np.isfinite(y[after]) or _stops_at_once(y, first, after, q):
