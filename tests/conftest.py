@@ -100,6 +100,12 @@ def _no_figure_stays() -> Iterator[None]:
         pyplot.close("all")
 
 
+def _is_left_unjudged(node: pytest.Item | pytest.Collector, judged: bool) -> bool:
+    """Whether a test looks at numbers alone: in `make test`, or always, over hundreds of draws."""
+    marked = node.get_closest_marker("unjudged")
+    return marked is not None and not judged and (QUICK or marked.kwargs.get("always", False))
+
+
 def _of_the_method(estimate: Estimate, *_: object) -> Sequence[Finding]:
     return estimate.findings
 
@@ -111,10 +117,9 @@ def _judged_where_it_counts(
     """Leave out what `identify` finds to say, where a test looks at numbers alone.
 
     Half of the time of an identification that is not all right goes there. `make test-all` has it
-    everywhere, as users have.
+    as users have, but where hundreds of draws are averaged.
     """
-    marked = request.node.get_closest_marker
-    if QUICK and marked("unjudged") and not marked("judged"):
+    if _is_left_unjudged(request.node, request.node.get_closest_marker("judged") is not None):
         monkeypatch.setattr(choice, "judged", _of_the_method)
 
 
@@ -193,9 +198,9 @@ def _isolated_where_it_counts(
 def _judged_where_a_file_counts(request: pytest.FixtureRequest) -> Iterator[None]:
     """The same for what the tests of a file share, where none of them reads findings."""
     own = [item for item in request.session.items if item.parent is request.node]
-    numbers = request.node.get_closest_marker("unjudged") is not None
+    judged = any(item.get_closest_marker("judged") for item in own)
     with pytest.MonkeyPatch.context() as patch:
-        if QUICK and numbers and not any(item.get_closest_marker("judged") for item in own):
+        if _is_left_unjudged(request.node, judged):
             patch.setattr(choice, "judged", _of_the_method)
         if QUICK and request.node.get_closest_marker("undrawn"):
             _left_blank(patch)

@@ -41,6 +41,9 @@ RIGHT = {
     ),
 }  # fmt: skip
 LONGEST = 5_000
+DOUBTED = {"lamp over a plate": {"poles not determined"}}
+"""What is said of the physical order where the record is known not to show all of it: the slow pole
+of the heating system (README of its folder). Nothing else may speak against it."""
 SEEN = "four poles predict 99.55 %, two 99.29 %, and the record tells the two apart"
 
 
@@ -61,7 +64,9 @@ def test_the_physical_order_is_recommended(folder, name):
     found = select_structure(record, template=Structure(1, 0, **known))
     own = found.recommended.structure
     assert (own.poles, own.zeros) in right
-    assert not found.recommended.doubts
+    assert set(found.recommended.doubts) <= DOUBTED.get(name, set())
+    for doubt in found.recommended.doubts:
+        assert f"It is not sound: {doubt}." in found.reason
     # what was left out is predicted nearly as well as what was fitted
     assert found.recommended.cross_fit[0] > found.recommended.fit[0] - 5.0
 

@@ -14,6 +14,8 @@ from scipy.optimize import least_squares
 from oracles import by_modes, register
 from tridentify import IdentifiabilityError, Record, Structure, ThreeModel, identify
 
+pytestmark = pytest.mark.unjudged(always=True)
+
 DRAWS = 240
 
 

@@ -23,6 +23,8 @@ from tridentify.uncertainty import (
     step_band,
 )
 
+pytestmark = pytest.mark.unjudged(always=True)
+
 DEN, NUM = np.array([1.0, 1.0, 3.0]), np.array([0.5])
 DT = 0.05
 DRAWS = 200

@@ -97,6 +97,12 @@ def test_fair_terms_are_told_where_they_decide(rows):
     assert "left aside" not in verdict_of(rows, (97.5, 98.2, 90.0), "size")
 
 
+def test_what_predicts_better_is_not_said_to_be_below_the_best(rows):
+    said = verdict_of(rows, (92.3, 90.5, 80.0), "size")
+    assert "no worse than the best of those that are sound, 2 poles and 1 zero (90.50 %)" in said
+    assert "below the best" not in said
+
+
 def test_a_smaller_one_of_use_is_told_as_such(rows):
     said = verdict_of(rows, (83.7, 90.5, 80.0), "useful")
     assert said.startswith("1 pole and no zero predict samples that were left out to 83.70 %,")

@@ -243,8 +243,10 @@ def test_feedback_is_named():
     other = recorded(u, y + e)
     found = validate(identify(other, *white()), other)
     (finding,) = (f for f in found.findings if f.code == "feedback")
-    assert "0.05" in finding.message
-    assert "feedback" in found.verdict
+    # told by errors that come before inputs, or by past outputs that tell the input's moves
+    assert "the input reacts to the output (feedback)" in finding.message
+    assert finding is found.findings[0]
+    assert "the input reacts to the output (feedback)" in found.verdict
 
 
 @pytest.mark.slow

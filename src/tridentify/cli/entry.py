@@ -48,18 +48,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
         atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
     _fill_closed_descriptors()
     from tridentify.cli.app import needed, program, run
+    from tridentify.writing.interruption import repeated_where_lost
 
     program(needed(sys.argv[1:]))
+    answer = _end_at_once if interruptible else signal.getsignal(signal.SIGINT)
     try:
-        if interruptible:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
-        code = run(sys.argv[1:])
-    except KeyboardInterrupt:  # a second one, while the first was being answered
+        with repeated_where_lost():
+            if interruptible:
+                signal.signal(signal.SIGINT, signal.default_int_handler)
+            code = run(sys.argv[1:])
+            signal.signal(signal.SIGINT, answer)
+    except KeyboardInterrupt:  # a second one while the first was being answered, or a late one
+        signal.signal(signal.SIGINT, answer)
         _notify()
         code = INTERRUPTED
-    finally:
-        if interruptible:
-            signal.signal(signal.SIGINT, _end_at_once)
     if code == INTERRUPTED:
         _end_tidily()
     return code

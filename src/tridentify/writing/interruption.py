@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import _thread
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -11,6 +13,59 @@ from typing import Any
 
 SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 """By which a user or the system asks to end."""
+
+SOON = 0.01
+"""After what time an interruption that was lost is repeated [s]: what lost it is over by then."""
+
+
+@contextmanager
+def repeated_where_lost() -> Iterator[None]:
+    """Interrupt again where an interruption met code whose exceptions nobody can catch.
+
+    Such code clears up behind an object that goes, or is called by a library written in C. Python
+    would print a traceback and go on as if nobody had asked to end.
+
+    Examples
+    --------
+    >>> import time, weakref
+    >>> class Going: ...
+    >>> thing, sought = Going(), lambda _: signal.raise_signal(signal.SIGINT)
+    >>> reference = weakref.ref(thing, sought)
+    >>> try:
+    ...     with repeated_where_lost():
+    ...         del thing
+    ...         time.sleep(60.0)
+    ... except KeyboardInterrupt:
+    ...     print("interrupted")
+    interrupted
+    """
+    before = sys.unraisablehook
+
+    def repeat(lost: sys.UnraisableHookArgs) -> None:
+        if issubclass(lost.exc_type, KeyboardInterrupt):
+            # from another thread, as one that comes here and now would be lost here, too
+            again = threading.Timer(SOON, _interrupt)
+            again.daemon = True
+            again.start()
+        else:
+            before(lost)
+
+    sys.unraisablehook = repeat
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
+
+
+def _interrupt() -> None:
+    """Send the main thread the first signal that a function answers."""
+    numbers = [getattr(signal, name) for name in SIGNALS if hasattr(signal, name)]
+    for number in filter(lambda one: callable(signal.getsignal(one)), numbers):
+        if hasattr(signal, "pthread_kill"):  # which wakes what waits, too
+            signal.pthread_kill(threading.main_thread().ident or 0, number)
+        else:
+            _thread.interrupt_main(number)
+        return
 
 
 @contextmanager

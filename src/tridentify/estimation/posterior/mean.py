@@ -92,6 +92,9 @@ SURE = 2.0
 """Standard errors between a pole and what the record excludes."""
 NORMAL = NormalDist()
 
+STILL = 1e-15
+"""Least damping ratio of a root: the rounding of its real part."""
+
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
@@ -330,6 +333,8 @@ def _by_sections(denominators: Array) -> Complex:
 
 def _ordered(roots: Complex) -> Array:
     """(s, n) coordinates of denominators, slow sections first."""
+    # they are stable; the rounding of a swing that does not decay may say otherwise
+    roots = np.minimum(roots.real, -STILL * np.abs(roots)) + 1j * roots.imag
     phi = np.empty(roots.shape)
     real = (roots.imag == 0).sum(axis=1)
     for count in np.unique(real):

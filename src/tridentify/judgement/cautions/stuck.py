@@ -34,6 +34,11 @@ approached."""
 STOOD = 0.5
 """Share of the way that the model went meanwhile within which what comes next goes on from where
 the output stood: one that hung would be at its end."""
+AT_ONCE = 2.0
+"""Largest change of the steps elsewhere above which a signal that stops does so at once: what has
+inertia and sticks has come to rest before."""
+FEWEST_TURNS = 20
+"""Changes of the steps that tell how fast a signal stops."""
 FEWEST_HANGING = 5
 """Equal samples in a row below which a sensor has not hung."""
 SMOOTHLY = 2.5
@@ -264,10 +269,11 @@ def _goes_on(y: Array, f: Array, first: int, length: int, much: float, q: float)
 
     After a sensor has hung the output jumps to where it would be. One that goes on from where it
     stood, by a step of the converter or less than half of the way that the model went, has stood
-    still: it sticks, or its input is too small to move it.
+    still: it sticks, or its input is too small to move it. Not one that stood still at once, from a
+    speed that it does not lose in one sample elsewhere: it hung, and is back near there by chance.
     """
     after = first + length
-    if after >= y.size or not np.isfinite(y[after]):
+    if after >= y.size or not np.isfinite(y[after]) or _stops_at_once(y, first, after, q):
         return False
     far = much + SMOOTHLY * q
     went = abs(float(f[after] - f[first]))
@@ -276,6 +282,25 @@ def _goes_on(y: Array, f: Array, first: int, length: int, much: float, q: float)
     came, comes = y[first - 1] - f[first - 1], y[after] - f[after]
     behind = abs(float(comes - came)) > far
     return behind and abs(float(y[after] - y[after - 1])) < STOOD * went
+
+
+def _stops_at_once(y: Array, first: int, after: int, q: float) -> bool:
+    """Whether a value is met at a speed that the signal loses nowhere else from sample to sample.
+
+    Examples
+    --------
+    >>> y = 5.0 * np.sin(0.05 * np.arange(200.0))
+    >>> y[60:80] = y[59]
+    >>> _stops_at_once(y, 59, 80, 0.01), _stops_at_once(y, 31, 33, 0.01)
+    (True, False)
+    """
+    turns = np.abs(np.diff(y, 2))
+    if not 1 < first < after < y.size - 1:
+        return False
+    elsewhere = _finite(np.concatenate([turns[: first - 1], turns[after:]]))
+    if elsewhere.size < FEWEST_TURNS:
+        return False
+    return bool(turns[first - 1] > AT_ONCE * elsewhere.max() + SMOOTHLY * q)
 
 
 def _left_by_steps(y: Array, after: int, q: float) -> bool:

@@ -118,6 +118,11 @@ def _within(rows: Sequence[SelectionRow], verdict: Verdict) -> str:
             f"{100 * SLIGHT:g} % of the output's size, which is no reason for poles that may stand "
             "for the delay"
         )
+    if gap <= 0.0:
+        return (
+            f"no worse than the best of those that are sound, {best}, which is no reason for more "
+            "coefficients"
+        )
     return (
         f"less than {POINT:g} % of the output's size below the best, {best}{fair}, which is no "
         "reason for more coefficients where no candidate explains the record"
