@@ -26,3 +26,15 @@ def test_a_needless_pole_faster_than_the_samples_is_told(seed):
 def test_a_fast_pole_that_the_samples_tell_is_none():
     fast = TransferFunction([0.5 * 17.0], np.poly([-0.5, -17.0]))
     assert "outside-the-record" not in codes(5, fast, Structure(2, 0), 1e-4)
+
+
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 5))]
+)
+def test_an_output_that_follows_from_sample_to_sample_tells_no_time_constant(seed):
+    """What is possible between the samples bounds such a pole to a tenth, and not the record."""
+    rng = np.random.default_rng([822, seed])
+    u = np.repeat(rng.choice([-1.0, 1.0], 50), 8)
+    y = np.append(0.0, u[:-1]) + 0.02 * rng.standard_normal(u.size)
+    found = identify(Record(u, y, dt=0.02), Structure(1, 0)).findings
+    assert "outside-the-record" in [one.code for one in found]

@@ -20,9 +20,9 @@ of a time constant a step reaches 28 % of its end."""
 
 OVER_WITHIN = 3.0
 """Steps over a time constant from which a response is over within a sample: to a twentieth."""
-SEEN = 0.1
-"""Standard error over a fast pole up to which the samples themselves tell it; where they do not,
-what is possible between them leaves a quarter."""
+SEEN = 0.3
+"""Steps over which a fast pole is uncertain up to which the samples themselves tell it: what the
+next one shows of its response is three standard errors from none."""
 TURNS = 1.6
 """Angle of a mode between two samples [rad], four samples a period, from which it is suspicious."""
 
@@ -244,15 +244,16 @@ def _over_within(estimate: Estimate, step: float) -> list[Finding]:
     """The fastest real pole, where the samples say little more of it than that it is fast."""
     rows = [row for row in estimate.derived_rows() if row[0].startswith("real pole")]
     _, value, std, _ = min(rows, key=lambda row: row[1])
-    if std <= SEEN * abs(value):
+    if std * step <= SEEN:
         return []
     return [
         Finding(
             "outside-the-record",
             "warning",
             f"The response of a pole at {value:.3g} 1/s is over within a sample ({step:.3g} s), "
-            f"and the record tells it to {100 * std / abs(value):.0f} %: what is said of it is "
-            "little more than that it is fast, and coefficients that it multiplies are no better.",
+            "and what the next one still shows of it is hardly told from nothing: what is said of "
+            "the pole is little more than that it is fast, and coefficients that it multiplies are "
+            "no better.",
             "Use one pole fewer, or sample faster if the pole is real.",
         )
     ]

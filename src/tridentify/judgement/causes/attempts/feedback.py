@@ -223,9 +223,27 @@ def reacts(
             found[i] = seen
             continue
         forecast = by_predictor(inputs, i, within.guard) if seen is left else seen
-        if forecast.is_clear and forecast.p_value < CHANCE_FORECAST:
+        told = forecast.is_clear and forecast.p_value < CHANCE_FORECAST
+        if told and not (inputs.held and _drawn_between(i, rival)):
             found[i] = forecast
     return found
+
+
+def _drawn_between(i: int, rival: Sequence[tuple[Attempt, Sequence[Record]]]) -> bool:
+    """Whether inputs that are not held explain the records, and leave nothing to those to come.
+
+    What lies between two samples is drawn with the next one, which a forecast that takes an input
+    for held gains by as it would by feedback.
+    """
+    for part, records in rival:
+        own = Inputs.of(records)
+        if own.held:
+            return False
+        within = Within.of(part.point, own, i)
+        left = _left_by(part.point, i, own, within)
+        if left.p_value < CHANCE or by_predictor(own, i, within.guard).is_clear:
+            return False
+    return bool(rival)
 
 
 def _left_by(point: Point, i: int, inputs: Inputs, within: Within) -> Coming:
