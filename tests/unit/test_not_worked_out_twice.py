@@ -15,10 +15,9 @@ from tridentify.estimation.search.compiled_reduction import observability
 from tridentify.identify import search
 from tridentify.judgement.causes.attempts.fewer import (
     _answers,
+    _by_itself,
     _fitted,
     _is_noise,
-    _levelled,
-    _noise_of,
 )
 from tridentify.judgement.causes.attempts.revisit import (
     point_of,
@@ -89,9 +88,9 @@ def test_an_estimate_is_looked_at_where_its_search_ended():
 def test_what_answers_plainly_is_no_noise_by_both_fits_either(noise, answers):
     record = recorded(3, noise)
     estimate = search(record, ASKED).estimate
-    levelled = [_levelled(record.y)]
-    models = [_noise_of(levelled, 0)]
-    plain = _answers(estimate, [record], levelled, models)
+    alone = _by_itself([record])
+    assert alone is not None
+    plain = _answers(estimate, alone)
     fitted = _fitted(estimate, [record])
     assert fitted is not None
     assert not (plain and _is_noise(fitted))
