@@ -258,12 +258,16 @@ class Followed(NamedTuple):
     ----------
     to : Launch, Turn or None
         How to go on; None leaves all as it is.
+    asked : bool
+        Whether the kept samples were asked what speaks against the model: of an estimator that
+        forgets, or when they are about to be dropped.
     doubt : Doubt or None
-        What speaks against the model in samples that are about to be dropped.
+        What does.
     """
 
     to: Launch | Turn | None
-    doubt: layout.Doubt | None
+    asked: bool = False
+    doubt: layout.Doubt | None = None
 
 
 def following(
@@ -297,21 +301,24 @@ def following(
     try:
         solution = yield from steps.solving(setting, blueprint, x, before, choose=False, passes=1)
     except (TridentifyError, np.linalg.LinAlgError):
-        return Followed(None, None)
+        return Followed(None)
     if not np.all(np.isfinite(solution.point.poles)):
-        return Followed(None, None)
+        return Followed(None)
     to, better = yield from _where_to(
         method, setting, blueprint, before, x, samples, reference, begun_anew, solution
     )
-    if not blueprint.ints[slots.CHUNK] or x[slots.SINCE] <= method.samples:
-        return Followed(to, None)
+    factor = float(blueprint.constants[slots.FORGETTING])
+    early = x[slots.SINCE] <= method.samples
+    # where all samples are kept and count alike an estimate asks them itself
+    if not blueprint.ints[slots.CHUNK] or (early and factor == 1.0):
+        return Followed(to)
     yield
     try:
         model = better or steps.estimate_of(setting, blueprint, x, solution, "", before)
     except (TridentifyError, np.linalg.LinAlgError):
-        return Followed(to, None)
-    newest = _remembered(samples, float(blueprint.constants[slots.FORGETTING]))
-    return Followed(to, (yield from doubting(setting, newest, model.theta, model.std)))
+        return Followed(to)
+    newest = _remembered(samples, factor)
+    return Followed(to, True, (yield from doubting(setting, newest, model.theta, model.std)))
 
 
 def _where_to(

@@ -253,7 +253,7 @@ class ThreeModel(launch.Planner):
         if x[slots.SUSPECT]:
             assert isinstance(found, Look)
             return self._judged(state, found, samples, rest)
-        if isinstance(found, launch.Followed) and found.doubt is not None:
+        if isinstance(found, launch.Followed) and found.asked:
             state = State(state.values, state.stage.but(doubt=found.doubt))
         to = found.to if isinstance(found, launch.Followed) else found
         if isinstance(to, launch.Launch):
@@ -325,6 +325,8 @@ class ThreeModel(launch.Planner):
             x = state.values
             told_changed(x)
             return state
+        if found.doubt is not None:
+            state = State(x, stage := stage.but(doubt=found.doubt))
         if len(samples) >= DOUBTED * first_try(stage.setting):
             looked = count - x[slots.FIRST_LOOK]
             if not x[slots.LOOK]:
