@@ -258,16 +258,12 @@ class Followed(NamedTuple):
     ----------
     to : Launch, Turn or None
         How to go on; None leaves all as it is.
-    asked : bool
-        Whether the kept samples were asked what speaks against the model: of an estimator that
-        forgets, or when they are about to be dropped.
     doubt : Doubt or None
-        What does.
+        What speaks against the model in samples that are about to be dropped.
     """
 
     to: Launch | Turn | None
-    asked: bool = False
-    doubt: layout.Doubt | None = None
+    doubt: layout.Doubt | None
 
 
 def following(
@@ -301,24 +297,21 @@ def following(
     try:
         solution = yield from steps.solving(setting, blueprint, x, before, choose=False, passes=1)
     except (TridentifyError, np.linalg.LinAlgError):
-        return Followed(None)
+        return Followed(None, None)
     if not np.all(np.isfinite(solution.point.poles)):
-        return Followed(None)
+        return Followed(None, None)
     to, better = yield from _where_to(
         method, setting, blueprint, before, x, samples, reference, begun_anew, solution
     )
-    factor = float(blueprint.constants[slots.FORGETTING])
-    early = x[slots.SINCE] <= method.samples
-    # where all samples are kept and count alike an estimate asks them itself
-    if not blueprint.ints[slots.CHUNK] or (early and factor == 1.0):
-        return Followed(to)
+    if not blueprint.ints[slots.CHUNK] or x[slots.SINCE] <= method.samples:
+        return Followed(to, None)
     yield
     try:
         model = better or steps.estimate_of(setting, blueprint, x, solution, "", before)
     except (TridentifyError, np.linalg.LinAlgError):
-        return Followed(to)
-    newest = _remembered(samples, factor)
-    return Followed(to, True, (yield from doubting(setting, newest, model.theta, model.std)))
+        return Followed(to, None)
+    newest = remembered(samples, float(blueprint.constants[slots.FORGETTING]))
+    return Followed(to, (yield from doubting(setting, newest, model.theta, model.std)))
 
 
 def _where_to(
@@ -343,7 +336,7 @@ def _where_to(
     to, begin, better = None, nuisance, None
     if kept and not (early and certain):
         factor = float(blueprint.constants[slots.FORGETTING])
-        newest = _remembered(samples, factor)
+        newest = remembered(samples, factor)
         if len(newest) < len(samples):
             samples, begun_anew = newest, True
             begin = layout.NuisanceColumns.of(setting.structure, True)
@@ -385,7 +378,7 @@ def turned(state: State, turn: Turn) -> State:
     return State(x, stage.but(blueprint=turn.blueprint, poles=turn.poles, past=past))
 
 
-def _remembered(samples: Array, factor: float) -> Array:
+def remembered(samples: Array, factor: float) -> Array:
     """The newest samples, which an estimator that forgets still heeds."""
     return samples if factor == 1.0 else samples[-int(np.ceil(MEMORIES / (1.0 - factor))) :]
 

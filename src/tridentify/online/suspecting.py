@@ -30,13 +30,14 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from tridentify.errors import TridentifyError
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.slices import Slices
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.online.asked import NotReadyError
 from tridentify.online.estimator import Estimator, kept_samples
 from tridentify.online.kernels import slots
-from tridentify.online.layout import CHUNK, Doubt, Setting, Stage
+from tridentify.online.layout import Doubt, Setting, Stage
 from tridentify.online.residual import Refined, is_driven, refined
 from tridentify.online.saved.state import State
 from tridentify.online.scatter import wonted
@@ -269,15 +270,14 @@ class Suspecting(Estimator):
     def full(self, state: State) -> State:
         """No more samples are kept once the witness can be made of those that are.
 
-        Where the method asks them what speaks against the structure, once early and once all.
+        Where the method asks them what speaks against the structure, that comes first.
         """
         x, stage = state
         room = stage.blueprint.poles.size and stage.blueprint.ints[slots.CHUNK]
         if not room or x[slots.SUSPECT] or stage.searching or _is_asked(state):
             return state
         kept = len(kept_samples(state))
-        early = self.asks and 0 <= kept - DOUBTED * first_try(stage.setting) < CHUNK
-        if not early and kept < MOST_KEPT:
+        if kept < MOST_KEPT:
             return state
         if not self.asks:
             return roomed(state, False, (kept_samples(state),))
@@ -287,7 +287,7 @@ class Suspecting(Estimator):
         return state
 
     def _ask(self, state: State) -> State:
-        """A slice of what the first samples are asked; at its end, whether more are kept."""
+        """A slice of what the first samples are asked; at its end no more are kept."""
         x, stage = state
         samples = kept_samples(state)[: int(x[slots.WORK_AT])]
         begun_anew = bool(stage.blueprint.nuisance.free)
@@ -300,16 +300,19 @@ class Suspecting(Estimator):
         x = state.values
         x[slots.TICK], x[slots.OWN_TICK], x[slots.DUE] = x[slots.OWN_TICK], 0.0, 0.0
         state = State(x, state.stage.but(doubt=doubt))
-        kept = kept_samples(state)
-        return roomed(state, False, (kept,)) if len(kept) >= MOST_KEPT else state
+        return roomed(state, False, (kept_samples(state),))
 
     # -------------------------------------------------------------------------- the suspicion
     def _answer(self, state: State) -> Old | None:
         try:
-            found = self.estimate(state)
+            found = self._bare(state)
         except NotReadyError:
             return None
         return Old(found.theta, found.cov)
+
+    def _bare(self, state: State) -> Estimate:
+        """The estimate as it can be had within one step."""
+        return self.estimate(state)
 
     def _witness(self, stage: Stage) -> Old | None:
         """Where no change is suspected."""

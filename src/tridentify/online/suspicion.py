@@ -136,9 +136,7 @@ def trying(
         estimate = estimate_of(setting, blueprint, x, solution, "", poles)
     except (TridentifyError, np.linalg.LinAlgError):
         return Look(None, witness)
-    look = yield from _tried(
-        method, setting, before, samples, reference, witness, alarm, estimate
-    )
+    look = yield from _tried(method, setting, before, samples, reference, witness, alarm, estimate)
     if look.launch is not None or len(samples) < DOUBTED * first_try(setting):
         return look
     yield
