@@ -130,3 +130,83 @@ def test_coloured_noise_is_usual_when_the_bank_has_moved():
     """What the scores scatter by is known before the bank moves, and no alarm after it."""
     share = pending(list(passed(plant, 11))[1200:])
     assert share < 0.1
+
+
+TRUE = np.array([1.6, 9.0, 3.0, 6.0])
+
+
+def fed(method, u, y, state=None):
+    state = method.init(ASKED, dt=DT) if state is None else state
+    return method.feed(state, u[:, None].copy(), y[:, None].copy())[0]
+
+
+@pytest.mark.parametrize("count", [1100, 1500, 1900])
+@pytest.mark.fast("1100")
+def test_a_memory_does_not_lose_it_while_samples_are_kept(count):
+    """More samples than are remembered, and fewer than are dropped."""
+    state = fed(online.ThreeModel(forgetting=1.0 - 1.0 / 500.0), *recorded(late, 21, count))
+    assert "unmodelled-response" in warned(state)
+
+
+@pytest.mark.parametrize(
+    ("kind", "code"), [(late, "unmodelled-response"), (limited, "nonlinear"), (plant, None)]
+)
+@pytest.mark.fast("late-unmodelled-response")
+def test_the_gradient_rule_says_it(kind, code):
+    u, y = recorded(kind, 11, 2400)
+    method = online.Gradient()
+    state = fed(method, u[:1000], y[:1000])
+    early = [one for one in warned(state) if one != "varying"]
+    state = fed(method, u[1000:], y[1000:], state)
+    told = [one for one in warned(state) if one != "varying"]
+    assert early == told == ([] if code is None else [code])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(22, 30))
+@pytest.mark.parametrize(
+    ("kind", "code"), [(late, "unmodelled-response"), (limited, "nonlinear"), (plant, None)]
+)
+def test_the_gradient_rule_says_it_long_after(kind, code, seed):
+    told = [
+        w for w in warned(fed(online.Gradient(), *recorded(kind, seed, 6000))) if w != "varying"
+    ]
+    assert told == ([] if code is None else [code])
+
+
+@pytest.mark.slow
+def test_questions_go_on_from_a_saved_state(tmp_path):
+    u, y = recorded(late, 12, 2300)
+    method = online.Gradient()
+    k = 1900
+    state = fed(method, u[:k], y[:k])
+    while not (state.values[slots.WORK_DONE] > 3.0 and not state.stage.searching):
+        state, k = fed(method, u[k : k + 1], y[k : k + 1], state), k + 1
+    again = online.State.load(state.save(tmp_path / "state.json"))
+    one, other = (fed(method, u[k:], y[k:], each) for each in (state, again))
+    assert one.stage.doubt == other.stage.doubt is not None
+    assert np.array_equal(one.values, other.values)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(31, 44))
+def test_the_errors_of_the_gradient_rule_contain_what_it_has_still_to_go(seed):
+    """Few samples with coloured noise: too few blocks of scores to tell, and no rest yet."""
+    found = online.Gradient().estimate(fed(online.Gradient(), *recorded(plant, seed, 900)))
+    assert np.max(np.abs(found.theta - TRUE) / found.std) < 5.0
+
+
+def began_late(seed, n):
+    u, y = recorded(plant, seed, n)
+    return u, np.where(np.arange(n) < n // 3, y, np.append(np.zeros(4), y[:-4]))
+
+
+@pytest.mark.slow
+def test_a_look_tells_what_began_later():
+    """Without an end of the samples that are kept: an actuator that became late."""
+    told, right = 0, 0
+    for seed in range(50, 53):
+        state = fed(online.ThreeModel(), *began_late(seed, 7000))
+        told += bool(state.changes) or "unmodelled-response" in warned(state)
+        right += warned(fed(online.ThreeModel(), *recorded(plant, seed, 7000))) in ([], ["varying"])
+    assert (told, right) == (3, 3)

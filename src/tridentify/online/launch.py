@@ -310,7 +310,7 @@ def following(
         model = better or steps.estimate_of(setting, blueprint, x, solution, "", before)
     except (TridentifyError, np.linalg.LinAlgError):
         return Followed(to, None)
-    newest = _remembered(samples, float(blueprint.constants[slots.FORGETTING]))
+    newest = remembered(samples, float(blueprint.constants[slots.FORGETTING]))
     return Followed(to, (yield from doubting(setting, newest, model.theta, model.std)))
 
 
@@ -336,7 +336,7 @@ def _where_to(
     to, begin, better = None, nuisance, None
     if kept and not (early and certain):
         factor = float(blueprint.constants[slots.FORGETTING])
-        newest = _remembered(samples, factor)
+        newest = remembered(samples, factor)
         if len(newest) < len(samples):
             samples, begun_anew = newest, True
             begin = layout.NuisanceColumns.of(setting.structure, True)
@@ -378,7 +378,7 @@ def turned(state: State, turn: Turn) -> State:
     return State(x, stage.but(blueprint=turn.blueprint, poles=turn.poles, past=past))
 
 
-def _remembered(samples: Array, factor: float) -> Array:
+def remembered(samples: Array, factor: float) -> Array:
     """The newest samples, which an estimator that forgets still heeds."""
     return samples if factor == 1.0 else samples[-int(np.ceil(MEMORIES / (1.0 - factor))) :]
 

@@ -30,13 +30,14 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from tridentify.errors import TridentifyError
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.slices import Slices
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.online.asked import NotReadyError
 from tridentify.online.estimator import Estimator, kept_samples
 from tridentify.online.kernels import slots
-from tridentify.online.layout import Setting, Stage
+from tridentify.online.layout import Doubt, Setting, Stage
 from tridentify.online.residual import Refined, is_driven, refined
 from tridentify.online.saved.state import State
 from tridentify.online.scatter import wonted
@@ -54,6 +55,7 @@ from tridentify.online.suspicion import (
     unpacked,
 )
 from tridentify.online.task import Task
+from tridentify.online.unexplained import doubting
 from tridentify.record.record import Record
 
 
@@ -160,6 +162,26 @@ def _model_of(setting: Setting, samples: Array, begun_anew: bool) -> Slices[_Mod
 MOST_KEPT = 2000  # samples: what a search of bounded slices can take
 
 
+def asking(setting: Setting, samples: Array, begun_anew: bool) -> Slices[Doubt | None]:
+    """What speaks against any model of the structure in the first samples; None where nothing does.
+
+    Parameters
+    ----------
+    setting : Setting
+    samples : (k, n_inputs + n_outputs + 1) array
+    begun_anew : bool
+        Whether they begin in the middle, from any state.
+    """
+    try:
+        found, left = yield from clean_search(setting, samples, begun_anew)
+    except (TridentifyError, np.linalg.LinAlgError):
+        return None
+    if found is None:
+        return None
+    yield
+    return (yield from doubting(setting, left, found.estimate.theta, found.estimate.std))
+
+
 class Suspecting(Estimator):
     """What recursive least squares, the Kalman filter and the gradient rule do about alarms."""
 
@@ -167,6 +189,9 @@ class Suspecting(Estimator):
 
     own_arrays: ClassVar[int] = 0
     """How many arrays of the stage's ``extra`` are the method's own."""
+    asks: ClassVar[bool] = False
+    """Whether the first samples are asked what speaks against the structure: where nothing else of
+    the method would tell."""
 
     @abstractmethod
     def adapt(self, state: State) -> State:
@@ -211,16 +236,16 @@ class Suspecting(Estimator):
             return self._ticked(state)
 
     def _ticked(self, state: State) -> State:
-        x = state.values
-        if not x[slots.SUSPECT]:
+        x, asked = state.values, _is_asked(state)
+        if not x[slots.SUSPECT] and not asked:
             return self.adapt(state)
         if x[slots.OWN_TICK] == x[slots.COUNT]:
             state = self.adapt(state)
             x = state.values
             x[slots.OWN_TICK] = x[slots.TICK] if x[slots.TICK] > x[slots.COUNT] else 0.0
         if x[slots.DUE] == x[slots.COUNT]:
-            state = self._look(state)
-        _set_tick(state.values)
+            state = self._ask(state) if asked else self._look(state)
+        _set_tick(state)
         return state
 
     def alarmed(self, state: State) -> State:
@@ -229,7 +254,7 @@ class Suspecting(Estimator):
         calm(x, stage)
         # the first samples have to make a witness that can be relied on
         early = x[slots.SINCE] < DOUBTED * first_try(stage.setting)
-        if x[slots.SUSPECT] or stage.searching or early:
+        if x[slots.SUSPECT] or stage.searching or early or _is_asked(state):
             return state
         here = x[slots.COUNT]
         present, witness = self._answer(state), self._witness(stage)
@@ -237,25 +262,57 @@ class Suspecting(Estimator):
             x, stage = roomed(state, True, stage.past)
         x[slots.OWN_TICK] = x[slots.TICK] if x[slots.TICK] >= here else 0.0
         x[slots.SUSPECT], x[slots.DUE] = here, here + TRIED * first_try(stage.setting)
-        _set_tick(x)
         arrays = (*stage.extra[: self.own_arrays], *packed(present), *packed(witness))
-        return State(x, stage.but(extra=arrays, task=None))
+        state = State(x, stage.but(extra=arrays, task=None))
+        _set_tick(state)
+        return state
 
     def full(self, state: State) -> State:
-        """No more samples are kept once the witness can be made of those that are."""
+        """No more samples are kept once the witness can be made of those that are.
+
+        Where the method asks them what speaks against the structure, that comes first.
+        """
         x, stage = state
         room = stage.blueprint.poles.size and stage.blueprint.ints[slots.CHUNK]
-        if not room or x[slots.SUSPECT] or stage.searching or len(kept_samples(state)) < MOST_KEPT:
+        if not room or x[slots.SUSPECT] or stage.searching or _is_asked(state):
             return state
+        kept = len(kept_samples(state))
+        if kept < MOST_KEPT:
+            return state
+        if not self.asks:
+            return roomed(state, False, (kept_samples(state),))
+        x[slots.OWN_TICK] = x[slots.TICK] if x[slots.TICK] >= x[slots.COUNT] else 0.0
+        x[slots.WORK_AT], x[slots.DUE] = float(kept), x[slots.COUNT] + 1.0
+        _set_tick(state)
+        return state
+
+    def _ask(self, state: State) -> State:
+        """A slice of what the first samples are asked; at its end no more are kept."""
+        x, stage = state
+        samples = kept_samples(state)[: int(x[slots.WORK_AT])]
+        begun_anew = bool(stage.blueprint.nuisance.free)
+        task = stage.task or Task(asking, stage.setting, samples, begun_anew)
+        further = advanced(state, task)
+        if further is not None:
+            further.values[slots.DUE] = x[slots.COUNT] + 1.0
+            return further
+        doubt, state = task.result(), idle(state)
+        x = state.values
+        x[slots.TICK], x[slots.OWN_TICK], x[slots.DUE] = x[slots.OWN_TICK], 0.0, 0.0
+        state = State(x, state.stage.but(doubt=doubt))
         return roomed(state, False, (kept_samples(state),))
 
     # -------------------------------------------------------------------------- the suspicion
     def _answer(self, state: State) -> Old | None:
         try:
-            found = self.estimate(state)
+            found = self._bare(state)
         except NotReadyError:
             return None
         return Old(found.theta, found.cov)
+
+    def _bare(self, state: State) -> Estimate:
+        """The estimate as it can be had within one step."""
+        return self.estimate(state)
 
     def _witness(self, stage: Stage) -> Old | None:
         """Where no change is suspected."""
@@ -303,7 +360,7 @@ class Suspecting(Estimator):
             wonted(stage.blueprint, x)
             return self._dropped(state, verdict.after)
         changes = (*stage.changes, int(x[slots.SUSPECT]) - 1 + verdict.begin)
-        state = State(x, state.stage.but(changes=changes))
+        state = State(x, state.stage.but(changes=changes, doubt=None))
         if self.on_change == "flag":
             state = self._dropped(state, verdict.after)
         else:
@@ -329,8 +386,15 @@ class Suspecting(Estimator):
         return State(x, stage.but(extra=arrays))
 
 
-def _set_tick(x: Array) -> None:
-    """The estimator ticks when the method or the suspicion is due, whichever is first."""
-    if x[slots.SUSPECT]:
+def _is_asked(state: State) -> bool:
+    """Whether the first samples are being asked: work of its own, with no change suspected."""
+    x, stage = state
+    return bool(x[slots.WORK_AT] and not x[slots.SUSPECT] and not stage.searching)
+
+
+def _set_tick(state: State) -> None:
+    """The estimator ticks when the method or the work beside it is due, whichever is first."""
+    x = state.values
+    if x[slots.SUSPECT] or _is_asked(state):
         due = [x[slot] for slot in (slots.OWN_TICK, slots.DUE) if x[slot] >= x[slots.COUNT]]
         x[slots.TICK] = min(due, default=0.0)

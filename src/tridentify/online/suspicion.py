@@ -43,10 +43,11 @@ from tridentify.numerics.realization import sort_poles
 from tridentify.numerics.slices import Slices
 from tridentify.online.kernels import slots
 from tridentify.online.launch import Launch, Planner, launching
-from tridentify.online.layout import Blueprint, NuisanceColumns, Setting, watch_of
+from tridentify.online.layout import Blueprint, Doubt, NuisanceColumns, Setting, watch_of
 from tridentify.online.residual import Refined, gain_before, gain_of, left_by, refined
 from tridentify.online.search import DOUBTED, VAGUE, far_off, first_try, record_of, searching
 from tridentify.online.steps import estimate_of, solving
+from tridentify.online.unexplained import doubting
 from tridentify.record.record import Record
 
 CLEAR_GAIN = 30.0  # of -2 log L: one in a million for four coefficients, were the noise model true
@@ -82,11 +83,14 @@ class Look(NamedTuple):
         What the next look is to compare with.
     begin : int
         Samples since the alarm that are still of the old plant.
+    doubt : Doubt or None
+        What speaks against the present model in these samples, where they are no other plant's.
     """
 
     launch: Launch | None
     after: Old | None
     begin: int = 0
+    doubt: Doubt | None = None
 
 
 def trying(
@@ -125,13 +129,35 @@ def trying(
     alarm : bool
         Whether there was one, or the clock asked for a look.
     """
-    nothing = Look(None, witness)
     samples = _within_limits(setting, blueprint, x, samples)
     try:
         solution = yield from solving(setting, blueprint, x, poles, choose=False)
         yield
         estimate = estimate_of(setting, blueprint, x, solution, "", poles)
-        present = Old(estimate.theta, estimate.cov)
+    except (TridentifyError, np.linalg.LinAlgError):
+        return Look(None, witness)
+    look = yield from _tried(method, setting, before, samples, reference, witness, alarm, estimate)
+    if look.launch is not None or len(samples) < DOUBTED * first_try(setting):
+        return look
+    yield
+    doubt = yield from doubting(setting, samples, estimate.theta, estimate.std)
+    return look._replace(doubt=doubt)
+
+
+def _tried(
+    method: Planner,
+    setting: Setting,
+    before: Array,
+    samples: Array,
+    reference: Array,
+    witness: Old | None,
+    alarm: bool,
+    estimate: Estimate,
+) -> Slices[Look]:
+    """`trying`, with the estimate at the alarm."""
+    nothing = Look(None, witness)
+    present = Old(estimate.theta, estimate.cov)
+    try:
         old = witness or (yield from _for_coloured_noise(setting, before, estimate)) or present
         if not alarm:
             record = record_of(setting, samples)

@@ -47,7 +47,7 @@ coefficients that stand still over the memory; for those that move, the lag come
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import ClassVar
 
@@ -57,6 +57,7 @@ from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.methods.base import check_count
 from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.slices import drain
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.online import launch, layout
 from tridentify.online.asked import (
@@ -86,6 +87,7 @@ from tridentify.online.starting import (
 from tridentify.online.steps import estimate_of, solve_steps
 from tridentify.online.suspicion import Look, Old, packed, trying, unpacked
 from tridentify.online.task import Task
+from tridentify.online.unexplained import doubt_finding, doubting
 from tridentify.transfer_function import TransferFunction
 
 REPEATS = 3
@@ -325,6 +327,8 @@ class ThreeModel(launch.Planner):
             x = state.values
             told_changed(x)
             return state
+        if found.doubt is not None:
+            state = State(x, stage := stage.but(doubt=found.doubt))
         if len(samples) >= DOUBTED * first_try(stage.setting):
             looked = count - x[slots.FIRST_LOOK]
             if not x[slots.LOOK]:
@@ -382,10 +386,12 @@ class ThreeModel(launch.Planner):
                     stage.setting, stage.blueprint, x, stage.poles,
                     choose=self.forgetting == 1.0, passes=1,
                 )  # fmt: skip
+                samples = self._again(state)
                 found = estimate_of(
-                    stage.setting, stage.blueprint, x, solution, self.name, stage.poles,
-                    self._again(state),
-                )  # fmt: skip
+                    stage.setting, stage.blueprint, x, solution, self.name, stage.poles, samples
+                )
+                if samples is None:
+                    found = self._asked(state, found)
         except (TridentifyError, np.linalg.LinAlgError) as error:
             raise not_ready(count, "do not determine the coefficients") from error
         return with_findings(state, found)
@@ -396,6 +402,16 @@ class ThreeModel(launch.Planner):
         if since > len(kept) or since * (1.0 - self.forgetting) > 1.0:
             return None
         return kept[len(kept) - since :]
+
+    def _asked(self, state: State, found: Estimate) -> Estimate:
+        """With what the newest samples say against it, if all are kept but do not count alike."""
+        since, kept = int(state.values[slots.SINCE]), kept_samples(state)
+        if since > len(kept):
+            return found
+        newest = launch.remembered(kept[len(kept) - since :], self.forgetting)
+        doubt = drain(doubting(state.stage.setting, newest, found.theta, found.std))
+        told = () if doubt is None else (doubt_finding(doubt),)
+        return replace(found, findings=(*told, *found.findings))
 
     def _found_already(self, state: State) -> State:
         """What the search under way comes to, if it is asked for before its time."""

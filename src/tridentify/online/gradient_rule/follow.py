@@ -62,6 +62,7 @@ class GradientRule(Suspecting):
     orthogonal: bool
 
     own_arrays: ClassVar[int] = OWN_ARRAYS
+    asks: ClassVar[bool] = True
 
 
 def followed(method: GradientRule, state: State) -> State:

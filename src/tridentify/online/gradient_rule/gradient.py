@@ -74,11 +74,11 @@ from tridentify.estimation.answer.estimate import Estimate, Status, Trace
 from tridentify.estimation.methods.base import check_count
 from tridentify.estimation.methods.filtered.filter_cascade import checked_filter
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.slices import Slices
+from tridentify.numerics.slices import Slices, drain
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.online import search
 from tridentify.online.asked import check_above_zero, check_choice, not_ready, refuse_drift
-from tridentify.online.estimator import CompiledKernels, check_asked
+from tridentify.online.estimator import CompiledKernels, check_asked, kept_samples
 from tridentify.online.findings import noise_finding, with_findings
 from tridentify.online.gradient_rule.follow import (
     GradientRule,
@@ -111,7 +111,9 @@ from tridentify.online.layout import Blueprint, NuisanceColumns, Setting, Stage,
 from tridentify.online.result import assembled
 from tridentify.online.saved.state import State
 from tridentify.online.starting import waiting, without
+from tridentify.online.steps import doubted
 from tridentify.online.task import Task
+from tridentify.online.unexplained import doubt_finding, doubting
 from tridentify.transfer_function import TransferFunction
 
 WARM_UP = 10
@@ -327,6 +329,14 @@ class Gradient(GradientRule):
             The samples so far do not determine them.
         """
         check_asked(self, state)
+        since, kept = int(state.values[slots.SINCE]), kept_samples(state)
+        if not state.stage.blueprint.poles.size or since > len(kept):
+            return self._bare(state)
+        with one_blas_thread():
+            return self._bare(state, kept[len(kept) - since :])
+
+    def _bare(self, state: State, again: Array | None = None) -> Estimate:
+        """The estimate; with all of its samples, if they are given, for a second look."""
         x, stage = state
         count = int(x[slots.COUNT])
         if not stage.blueprint.poles.size:
@@ -361,6 +371,12 @@ class Gradient(GradientRule):
             least = np.sqrt(np.diagonal(cov)) / np.where(sizes > 0.0, sizes, np.inf)
             least = np.maximum(least, 1.0)
             cov = least[:, None] * periods * least if told else periods
+        if again is not None:
+            # what the rule has still to go is in this too
+            std, cov = np.sqrt(np.diagonal(cov)), doubted(setting, again, theta, cov)
+            doubt = drain(doubting(setting, again, theta, std))
+            told = noise_finding(white, cov)
+            told = told if doubt is None else (doubt_finding(doubt), *told)
         notes = (f"mean over {len(used)} periods", f"rate {blueprint.constants[places.RATE]:.3g}")
         trace = Trace((), (), notes, "gradient rule")
         found = assembled(
