@@ -58,7 +58,7 @@ def test_its_loop_leaves_the_rule_of_a_sampled_controller():
 
 def test_the_rule_says_nothing_where_the_plant_may_integrate():
     open_loop, structure = ThreeModel(route="open-loop", noise="white"), Structure(2, 0)
-    for record, certain in ((continuous(1), False), (sampled(1), True)):
+    for record, certain in ((continuous(1, 250), False), (sampled(1, 250), True)):
         found = open_loop.estimate([record], structure)
         taken = assumed("unknown", [record], structure)
         assert taken.certain
