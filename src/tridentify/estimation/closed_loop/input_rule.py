@@ -17,7 +17,8 @@ Two cases are not told. A controller without memory, ``u = K (r - y)``, makes (1
 noise that is held over each interval, as in simulations, tells everything: then (1) holds for a
 continuous controller too, but with the states of the plant among those of the rule, so with more
 lags than the plant has poles. Fewer lags are a sampled controller's, if they are the whole rule: of
-fast samples they leave a millionth of the input where more leave nothing.
+fast samples they leave a millionth of the input where more leave nothing. A plant that integrates
+has one state less there: where its output stands is nothing but what the noise is counted from.
 
 A third is not either: a controller that reads more than is recorded (another sensor, an inner
 loop), or is not linear, leaves no rule (1) whether it was sampled or not. What a continuous one

@@ -16,7 +16,7 @@ follows the reference.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -47,9 +47,16 @@ MOST_NOISE = 20
 ASIDE = 0.2
 """Difference of the coefficients under either kind [standard errors] up to which the kind does not
 matter: it adds 2 % to the error."""
+NEAR_ROOT = 1.0
+"""Standard errors that passes still move by, up to which their end tells how far the kind moves it:
+where that matters, by several."""
 APART = 3.0
 """Difference of the coefficients under either kind [stated standard errors] from which the answer
 is wrong beyond its interval if the kind is, so that one that was only assumed is warned of."""
+MAY_BE_ZERO = 5.0
+"""Stated standard errors within which a plant may integrate; they do not know of a wrong kind."""
+OUTLASTS = 3.0
+"""Duration of the record in time constants of its slowest mode, up to which that may be none."""
 DRIVEN = 10.0
 """Times chance that references explain of an input beside what they leave, from which they drive
 it: sines do 67 and more (101 random loops), three in four references that drive nothing less."""
@@ -138,6 +145,44 @@ def assumed(controller: Controller, records: Sequence[Record], structure: Struct
     return Assumed(kind, False, why, even=rule is not InputRule.NONE)
 
 
+def of_integrator(taken: Assumed, estimate: Estimate, records: Sequence[Record]) -> Assumed:
+    """The kind again, of a plant that may integrate: its loop leaves a rule that is shorter by one.
+
+    Parameters
+    ----------
+    taken : Assumed
+    estimate : Estimate
+        With the kind that was taken.
+    records : sequence of Record
+    """
+    rule = InputRule.SAMPLED.value
+    if rule not in (taken.why.removeprefix(": "), taken.against) or not may_integrate(
+        estimate, records
+    ):
+        return taken
+    poles = int(np.max(np.asarray(estimate.structure.poles)))
+    if input_rule(records, poles - 1) is InputRule.SAMPLED:
+        return taken
+    if taken.stated:
+        return replace(taken, against="")
+    return Assumed("sampled", False, even=True)
+
+
+def may_integrate(estimate: Estimate, records: Sequence[Record]) -> bool:
+    """Whether a plant may integrate: a static coefficient of zero, or a pole that outlasts records.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    records : sequence of Record
+    """
+    last = [k for k, name in enumerate(estimate.names) if name.split("[")[0] == "a0"]
+    if np.any(np.abs(estimate.theta[last]) <= MAY_BE_ZERO * estimate.std[last]):
+        return True
+    slowest = min(float(np.min(np.abs(np.roots(den)))) for row in estimate.model.den for den in row)
+    return slowest * max(float(one.t[-1] - one.t[0]) for one in records) < OUTLASTS
+
+
 def opposite(kind: Sampling) -> Sampling:
     """The other kind."""
     return "continuous" if kind == "sampled" else "sampled"
@@ -193,7 +238,9 @@ def compared(mine: Rooted, other: Rooted, taken_for: Assumed) -> Compared:
         return Compared(True, f"controller taken as {rival}: as {words}, {against}")
     taken = f"controller taken as {words}{taken_for.why}"
     stays = beside - own > plainly or (even and _alone(mine_left, other_left, other, mine))
-    if not other.still or stays:
+    # passes at the limit of stability may end nowhere, near a root all the same
+    ended = other.still or (even and other.moved < NEAR_ROOT)
+    if stays or not ended:
         return Compared(False, f"{taken}; the record speaks against a {kind} one")
     told, finding = left_open(mine.estimate, other.estimate, rival, taken, even)
     away = (other.estimate.theta - mine.estimate.theta) / np.sqrt(2.0)
@@ -332,6 +379,16 @@ def left_open(
     return told, (finding,)
 
 
+def follows(white: Rooted) -> bool:
+    """Whether the residual of a root for white noise follows the references."""
+    return not _followed(*_left(white)).is_chance
+
+
+def _left(white: Rooted) -> tuple[list[Array], list[Array]]:
+    basis = [_widest(one).columns for one in white.loops]
+    return residuals(white.loops, white.estimate), basis
+
+
 def following_findings(white: Rooted) -> tuple[Finding, ...]:
     """What is to be said where the residual of a continuous loop follows the reference.
 
@@ -345,8 +402,7 @@ def following_findings(white: Rooted) -> tuple[Finding, ...]:
     """
     if white.loops[0].sampling == "sampled":
         return ()
-    basis = [_widest(one).columns for one in white.loops]
-    left = _followed(residuals(white.loops, white.estimate), basis)
+    left = _followed(*_left(white))
     if left.is_chance:
         return ()
     return (

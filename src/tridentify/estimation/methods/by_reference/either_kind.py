@@ -18,7 +18,15 @@ from tridentify.estimation.closed_loop.between_samples import IN_WORDS
 from tridentify.estimation.closed_loop.driven import driven
 from tridentify.estimation.closed_loop.unstable_answer import NotStable, unstable_estimate
 from tridentify.estimation.likelihood.answer import widened_by
-from tridentify.estimation.methods.by_reference.controller_kind import Assumed, left_open, opposite
+from tridentify.estimation.methods.by_reference.controller_kind import (
+    Assumed,
+    Compared,
+    follows,
+    left_open,
+    may_integrate,
+    opposite,
+)
+from tridentify.estimation.methods.by_reference.passes import Rooted
 
 
 def of_either_kind(
@@ -64,6 +72,51 @@ def of_either_kind(
         found = replace(found, estimate=replace(mine, cov=cov, draws=draws))
     whole = replace(found.estimate, findings=(*found.estimate.findings, *findings))
     return _told(replace(found, estimate=whole), told)
+
+
+def beside_stable(
+    found: Rooted,
+    taken_for: Assumed,
+    asked: Request,
+    coloured: bool,
+    say: Callable[[str], None],
+) -> NotStable | Compared | None:
+    """What the other kind makes of a plant that is found stable, but may integrate.
+
+    The wrong kind makes a slow pole of an integrator, and fits to stable models would keep the
+    other kind from showing it.
+
+    Parameters
+    ----------
+    found : Rooted
+        Of a stable plant, with the kind that was assumed.
+    taken_for : Assumed
+    asked : Request
+    coloured : bool
+        Whether the noise may have a model.
+    say : callable
+        Is told what is going on.
+
+    Returns
+    -------
+    NotStable, Compared or None
+        The plant with the other kind, where the record speaks for that; what is to be said of
+        both where it does not tell; none where the other kind finds no such plant.
+    """
+    if not may_integrate(found.estimate, asked.records):
+        return None
+    kind = opposite(taken_for.sampling)
+    parts = [driven(record, between=kind == "continuous") for record in asked.records]
+    other = unstable_estimate(parts, kind, asked, coloured, say)
+    if other is None or other.follows:
+        return None
+    words, rival = IN_WORDS[taken_for.sampling], IN_WORDS[kind]
+    if follows(found):
+        return _told(other, f"as {words}, what is left follows the reference")
+    taken = f"controller taken as {words}{taken_for.why}"
+    told, findings = left_open(found.estimate, other.estimate, rival, taken, taken_for.even)
+    away = (other.estimate.theta - found.estimate.theta) / np.sqrt(2.0)
+    return Compared(False, f"{taken}; {told}", findings, away if findings else None)
 
 
 def _told(found: NotStable, *words: str) -> NotStable:

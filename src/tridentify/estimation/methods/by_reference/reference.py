@@ -69,15 +69,17 @@ from tridentify.estimation.methods.base import Method
 from tridentify.estimation.methods.by_reference.along_axis import with_fall
 from tridentify.estimation.methods.by_reference.controller_kind import (
     Assumed,
+    Compared,
     Controller,
     assumed,
     coarse_findings,
     compared,
     driving_findings,
     following_findings,
+    of_integrator,
     opposite,
 )
-from tridentify.estimation.methods.by_reference.either_kind import of_either_kind
+from tridentify.estimation.methods.by_reference.either_kind import beside_stable, of_either_kind
 from tridentify.estimation.methods.by_reference.given_controller import (
     by_likelihood,
     how_it_worked,
@@ -169,11 +171,14 @@ def reference_estimate(
         parts = [driven(record, between=kind == "continuous") for record in begun]
     if not loop and not only_stable and (coloured is not None or not robust):
         unstable = unstable_estimate(parts, kind, asked, coloured is not None, say)
+        if unstable is not None:
+            taken = of_integrator(taken, unstable.estimate, asked.records)
         if unstable is not None and not taken.certain:
             unstable = of_either_kind(unstable, taken, asked, coloured is not None, say)
         elif unstable is not None:
-            beside = taken, asked, coloured is not None, say
-            unstable = not_stable_as_stated(unstable, parts, *beside)
+            unstable = not_stable_as_stated(
+                unstable, parts, taken, asked, coloured is not None, say
+            )
         if unstable is not None:
             again = partial(reference_estimate, asked, controller, plain, near, coloured, say)
             return _or_stable(unstable, partial(again, robust=robust, only_stable=True))
@@ -184,6 +189,7 @@ def reference_estimate(
         if other is not None:
             return other
     found = _white(parts, kind, asked.structure, plain, near, say, again=known is None)
+    taken = of_integrator(taken, found.estimate, asked.records)
     told, how = f"controller taken as {IN_WORDS[kind]}{taken.why}", rule
     findings: tuple[Finding, ...] = ()
     moved: Array | None = None
@@ -193,7 +199,14 @@ def reference_estimate(
         if how is not None and not how.explains:
             taken = assumed("unknown", asked.records, asked.structure)
             told = f"controller taken as {IN_WORDS[taken.sampling]}{taken.why}"
-    if not taken.certain:
+    beside: NotStable | Compared | None = None
+    if taken.even and not loop and not only_stable and (coloured is not None or not robust):
+        beside = beside_stable(found, taken, asked, coloured is not None, say)
+    if isinstance(beside, NotStable):
+        return beside.estimate
+    if beside is not None:
+        told, findings, moved = beside.told, beside.findings, beside.moved
+    elif not taken.certain:
         found, told, findings, moved = _either(found, taken, asked.structure, near, say)
     findings = (*following_findings(found), *findings)
     findings += findings_as_stated(found, taken, partial(_other, found, asked.structure, near, say))
