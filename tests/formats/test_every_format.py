@@ -164,6 +164,7 @@ def test_damage_is_refused_or_read(sample, seed: int) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.isolated
 @pytest.mark.timeout(1200)
 @settings(max_examples=200, suppress_health_check=FIXTURE_IS_CONSTANT)
 @given(seed=st.integers(0, 2**32))
