@@ -49,7 +49,7 @@ def test_a_reference_is_read_like_an_input(sample) -> None:
         read_record(sample.path, **{**asked, "references": sample.asked["outputs"]})
 
 
-@pytest.mark.fast("run.csv", "seven.mat", "run.npz")
+@pytest.mark.fast("run.csv", "seven.mat", "run.npz", "run.xlsx")
 def test_a_stretch_and_a_stated_step(sample) -> None:
     record = read_record(sample.path, **sample.asked, start=0.04, stop=0.1, dt=0.02)
     assert (record.n_samples, record.dt) == (4, 0.02)
@@ -164,6 +164,7 @@ def test_damage_is_refused_or_read(sample, seed: int) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.isolated
 @pytest.mark.timeout(1200)
 @settings(max_examples=200, suppress_health_check=FIXTURE_IS_CONSTANT)
 @given(seed=st.integers(0, 2**32))

@@ -137,6 +137,17 @@ def test_triangle_of_columns_that_end_early(count):
     assert np.array_equal(r, np.triu(r))
 
 
+@pytest.mark.parametrize("size", [1e-140, 1e-160, 1e-200])
+def test_triangle_of_a_column_too_small_to_be_inverted(size):
+    """The sum of its squares may be so small that one over it is infinite."""
+    columns = np.random.default_rng(7).standard_normal((4, 12))
+    columns[1] *= size
+    r = np.full((4, 4), np.nan)
+    triangularise(columns.copy(), 12, 0, 12, r)
+    assert np.all(np.isfinite(r))
+    assert r.T @ r == pytest.approx(columns @ columns.T, rel=1e-12, abs=1e-12)
+
+
 @pytest.mark.parametrize("constants", [None, np.array([0.4, -0.7])])
 def test_orders_are_those_of_the_columns_one_by_one(constants):
     """Against a plain solution on the triangles with the functions of each order."""

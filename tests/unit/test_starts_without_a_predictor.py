@@ -11,7 +11,16 @@ from tridentify.estimation.closed_loop.predictor import Plant
 from tridentify.estimation.closed_loop.unstable_answer import open_loops
 
 
-def test_the_others_are_still_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+class _Beside:
+    """Errors of a plant that has a predictor, beside plants that have none."""
+
+    @property
+    def is_finite(self) -> bool:
+        raise np.linalg.LinAlgError("Singular matrix")
+
+
+@pytest.mark.parametrize("itself", [True, False])
+def test_the_others_are_still_tried(monkeypatch: pytest.MonkeyPatch, itself: bool) -> None:
     dt, n = 0.1, 120
     rng = np.random.default_rng(4)
     u = rng.choice([-1.0, 1.0], n)
@@ -27,8 +36,10 @@ def test_the_others_are_still_tried(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def failing(some, plant, *rest, **options):
         # whether rounding leaves its matrix singular is up to the machine
-        if plant is alike:
+        if plant is alike and itself:
             raise np.linalg.LinAlgError("Singular matrix")
+        if plant is alike:
+            return _Beside()
         return exact(some, plant, *rest, **options)
 
     monkeypatch.setattr(unstable, "linear_errors", failing)

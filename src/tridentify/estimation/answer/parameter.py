@@ -91,7 +91,9 @@ class Parameter:
         """To which error the value is written: the standard error, or the room in its interval.
 
         An interval that is not symmetric may end much nearer to the value than a standard error
-        away; rounded to that the value would lie outside.
+        away; rounded to that the value would lie outside. Nor is a posterior mean rounded away:
+        ratios of coefficients are known better than each of them, and are to follow from those
+        that are written.
 
         Examples
         --------
@@ -100,9 +102,16 @@ class Parameter:
         >>> draws = np.geomspace(1.0, 500.0, 1001)
         >>> round(Parameter("a0", 4.8, 120.0, draws=draws).told_to, 1)
         3.7
+        >>> Parameter("b0", 4.7, 440.0, draws=np.linspace(-800.0, 800.0, 1001)).told_to
+        4.7
         """
         if not (self.draws.size and self.std > 0):
             return self.std
+        return min(self._room, abs(self.value) or self._room)
+
+    @property
+    def _room(self) -> float:
+        """Of a posterior mean: the standard error, or how near an end of the interval is."""
         low, high = self.interval()
         room = [one for one in (self.value - low, high - self.value) if one > 0]
         return min([self.std, *room])
@@ -121,7 +130,7 @@ class Parameter:
         """
         if not self.std > 0:
             return "", ""
-        told, ends = self.told_to, self.interval()
+        told, ends = self._room if self.draws.size else self.std, self.interval()
         # where one end is decades below the other, what it is shows only in its own digits
         digits = [min(told, abs(end) or told) if self.draws.size else told for end in ends]
         low, high = (format_value(end, one) for end, one in zip(ends, digits, strict=True))

@@ -151,10 +151,12 @@ def root(
     basis = driven_basis(loops, noise)
     begun = []
     for one in plants:
-        # two poles that look alike at the samples have no predictor
+        # two poles that look alike at the samples have no predictor, nor have those beside them
         with contextlib.suppress(np.linalg.LinAlgError):
-            begun.append((one, linear_errors(loops, one, noise, fed_back=fed_back)))
-    sound = [(merit(linear, basis), k) for k, (_, linear) in enumerate(begun) if linear.is_finite]
+            linear = linear_errors(loops, one, noise, fed_back=fed_back)
+            if linear.is_finite:
+                begun.append((one, linear))
+    sound = [(merit(linear, basis), k) for k, (_, linear) in enumerate(begun)]
     found = None
     lowest = (True, np.inf)
     for _, k in sorted(sound):

@@ -12,6 +12,9 @@ import numpy as np
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.compiled import compiled
 
+SMALLEST = 1e-290
+"""Sum of squares below which a column counts as zero: one over it would not be finite."""
+
 
 @compiled("float64(float64[::1], float64[::1])", inline=True, wide=True, any_order=True, inner=True)
 def product(one: Array, other: Array) -> float:
@@ -58,7 +61,7 @@ def triangularise(columns: Array, count: int, short: int, length: int, r: Array)
         if k < end:
             own = columns[k, k:end]
             square = product(own, own)
-            if square > 0.0:
+            if square > SMALLEST:
                 beta = -np.copysign(np.sqrt(square), own[0])
                 own[0] -= beta
                 scale = 1.0 / (beta * own[0])

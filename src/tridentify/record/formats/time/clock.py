@@ -117,6 +117,8 @@ def compare_with_own_time(source: OpenFile, dt: float) -> None:
     if len(found) != 1:
         return
     clock = found[0]
+    if source.instants(clock.clock) is not None:
+        return  # it is used, and refused where it does not agree
     try:
         (values,) = source.read([source.channels.index(clock)])
     except DataError:
