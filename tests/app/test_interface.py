@@ -508,6 +508,7 @@ def test_bad_samples_are_left_out(ask):
     assert (missing[0], missing[-1]) == (pytest.approx(5.0), pytest.approx(6.0))
 
 
+@pytest.mark.slow
 def test_knowledge_and_physical_maps(ask, made):
     model = estimated(ask, made[0], fixed="a0=4", noise="white")
     rows = {one["name"]: one for one in ask.get(f"/api/models/{model}").json()["parameters"]}

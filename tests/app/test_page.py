@@ -56,6 +56,7 @@ def test_models_are_compared_on_another_record(seen):
     expect(fits.locator("tbody tr")).to_have_count(2)
 
 
+@pytest.mark.slow
 def test_a_record_changes_under_its_models(seen):
     seen.open("second.csv")
     name = seen.estimated(lambda: seen.drag(0.1, 0.8))
@@ -150,6 +151,7 @@ LINKED = """() => {
 }"""
 
 
+@pytest.mark.slow
 def test_an_estimate_is_cancelled_on_the_page(seen):
     seen.open("first.csv")
     before = seen.page.locator(".card.model").count()

@@ -86,6 +86,7 @@ def test_every_control_is_reached_by_the_tab_key(seen):
     assert unseen == []
 
 
+@pytest.mark.slow
 def test_every_control_has_a_name(seen):
     seen.open("first.csv")
     seen.estimated(lambda: seen.key("run").click())

@@ -66,6 +66,7 @@ def test_stored_models_are_looked_at_on_records_with_a_reference(
         assert "reference q_cmd [deg/s]" in " ".join(outcome.out.split())
 
 
+@pytest.mark.slow
 def test_an_input_is_a_reference_too(run, looped: Path) -> None:
     """One column, asked for as both: read, and told as both."""
     outcome = run("advise", looped, *ASKED, "--input", "q_cmd", "--reference", "q_cmd")

@@ -378,6 +378,7 @@ def checkpointed(file: Path, kept: Path, *more: object) -> list[object]:
     "cut",
     [31_003, *(pytest.param(n, marks=pytest.mark.slow) for n in (100, 4_000, 45_678, 60_001))],
 )
+@pytest.mark.slow
 def test_a_file_that_grew_is_taken_up_where_it_ended(run, file, tmp_path, cut):
     content = file.read_bytes()
     lines = content.split(b"\n")

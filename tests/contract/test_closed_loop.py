@@ -310,6 +310,7 @@ def test_a_set_point_and_a_dither():
 
 
 @pytest.mark.unjudged
+@pytest.mark.slow
 def test_experiments_with_different_references():
     """A set point alone in one, with a dither in the other."""
     rng = np.random.default_rng(16)

@@ -61,7 +61,7 @@ def mdf(write, path, t, u, y):
 @pytest.mark.parametrize(
     ("ending", "made"), [("mat", matlab5), ("mat", matlab73), ("ulg", ulog), ("mf4", mdf)]
 )
-@pytest.mark.fast("mat-*", "ulg-ulog")
+@pytest.mark.slow
 def test_its_bytes_give_an_estimate(ask, write, signals, tmp_path, ending, made):
     path = made(write, tmp_path / f"log.{ending}", *signals)
     sent = ask.post("/api/records/upload", files=[("files", (path.name, path.read_bytes()))])

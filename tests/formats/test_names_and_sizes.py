@@ -129,6 +129,7 @@ def test_a_huge_sparse_file_is_refused_by_its_beginning(tmp_path: Path, head: by
     assert time.process_time() - begun < 15.0
 
 
+@pytest.mark.slow
 def test_a_byte_far_down_that_is_no_utf_8_is_latin_1(tmp_path: Path) -> None:
     path = tmp_path / "long.csv"
     rows = b"".join(b"%d,%d,%d,note\n" % (k, k % 2, k % 3) for k in range(90_000))

@@ -96,7 +96,7 @@ def test_the_first_sample_but_two_may_be_bad(good):
 
 
 @pytest.mark.parametrize("length", [40, 300])
-@pytest.mark.fast("40")
+@pytest.mark.slow
 def test_a_sensor_that_hangs(good, length):
     y = good.y[:, 0].copy()
     y[200 : 200 + length] = y[199]
@@ -236,6 +236,7 @@ def test_gaps_are_told():
     assert gaps[1].times == pytest.approx((399 * DT,))
 
 
+@pytest.mark.slow
 def test_rows_that_were_lost_from_a_measured_record():
     t = DT * np.arange(N)
     u = np.sin(0.5 * t) + 0.5 * np.sin(1.3 * t + 1.0)

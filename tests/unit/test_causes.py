@@ -222,7 +222,7 @@ LIMITS = {
         pytest.param(clipped, 3, marks=pytest.mark.slow),
     ],
 )
-@pytest.mark.fast("stopped-3")
+@pytest.mark.slow
 def test_a_limit_is_told_with_its_level_and_what_it_brings(made, seed):
     (record,) = made(seed)
     first = identify(record, ASKED, throw=False).findings[0]

@@ -218,7 +218,7 @@ def test_what_the_record_does_not_tell_is_said():
 
 
 @pytest.mark.parametrize(("zeros", "free"), [(0, True), (2, False)])
-@pytest.mark.fast("2-False")
+@pytest.mark.slow
 def test_a_delay_is_to_be_estimated_only_where_it_can_be(zeros, free):
     rng = np.random.default_rng(3)
     u = np.repeat(rng.uniform(-1.0, 1.0, 150), 4)

@@ -226,6 +226,7 @@ def test_slow_sensor_without_a_fixed_ratio_is_named_with_the_mean():
 
 
 @pytest.mark.parametrize("step", [0.0, pytest.param(0.3, marks=pytest.mark.slow)])
+@pytest.mark.slow
 def test_frozen_logger_is_named(step):
     """Inputs and outputs stand still together, so that the model moves little."""
     u = np.random.default_rng(12).standard_normal(1000)

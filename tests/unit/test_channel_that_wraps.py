@@ -22,6 +22,7 @@ def counted(seed: int) -> Record:
 
 
 @pytest.mark.parametrize("seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in (2, 3, 4))])
+@pytest.mark.slow
 def test_a_counter_that_overflows_is_told_first(seed):
     record = counted(seed)
     estimate = identify(record, Structure(2, 1), throw=False)

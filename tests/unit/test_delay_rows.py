@@ -35,6 +35,7 @@ def test_without_such_rows_poles_are_recommended():
     assert without.structure.delay == 0.0
 
 
+@pytest.mark.slow
 def test_a_plant_without_dead_time_gets_no_such_row():
     found = select_structure(record([3.0], [30.0, 13.0, 1.0]), CANDIDATES, delays=True)
     assert [row.label for row in found.rows] == ["1, 0", "2, 0", "2, 1", "3, 1"]

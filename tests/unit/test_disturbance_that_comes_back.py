@@ -42,6 +42,7 @@ def test_the_day_is_named_and_no_order(seed, said):
 
 
 @pytest.mark.parametrize("damping", [0.002, pytest.param(0.03, marks=pytest.mark.slow)])
+@pytest.mark.slow
 def test_a_mode_that_rings_is_an_order(damping):
     rng = np.random.default_rng(5)
     u = np.repeat(rng.choice([-1.0, 0.0, 1.0], 8), 100)

@@ -89,6 +89,7 @@ def test_killed_workers_cost_nothing(processes: Any, tmp_path: Path) -> None:
     assert fleets.same(run.rows(), serial.rows())
 
 
+@pytest.mark.slow
 def test_no_scheduler_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr("tridentify.fleet.workers.engines.CONNECT", "1s")
     with pytest.raises(TridentifyError, match=r"found no scheduler at 'tcp://127\.0\.0\.1:9'"):

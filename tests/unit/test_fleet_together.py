@@ -153,6 +153,7 @@ def test_what_cannot_be_added_up_is_refused(tmp_path: Path) -> None:
         none.together()
 
 
+@pytest.mark.slow
 def test_records_of_a_loop_are_not_added_up_as_if_it_were_open(tmp_path: Path) -> None:
     plain = fleets.units(2, n=80)
     loops = {

@@ -125,6 +125,7 @@ def test_a_controller_with_a_limit_is_not_believed() -> None:
     assert np.all(np.abs(found.theta - TRUE) < 4.0 * found.std)
 
 
+@pytest.mark.slow
 def test_an_incomplete_record_keeps_the_root() -> None:
     record, _ = sampled(6)
     y = np.array(record.y)

@@ -141,7 +141,7 @@ def fed(method, u, y, state=None):
 
 
 @pytest.mark.parametrize("count", [1100, 1500, 1900])
-@pytest.mark.fast("1100")
+@pytest.mark.slow
 def test_a_memory_does_not_lose_it_while_samples_are_kept(count):
     """More samples than are remembered, and fewer than are dropped."""
     state = fed(online.ThreeModel(forgetting=1.0 - 1.0 / 500.0), *recorded(late, 21, count))

@@ -63,6 +63,7 @@ def test_past_outputs_of_an_open_loop_tell_nothing(kind: str) -> None:
     assert told_by_past([Record(u[::fine], y, dt=DT, intersample="foh")]) == [None]
 
 
+@pytest.mark.slow
 def test_advice_tells_of_a_plant_that_is_held() -> None:
     found = [one for one in advise(held_by_a_servo(1)).findings if one.code == "feedback"]
     assert [one.severity for one in found] == ["warning"]

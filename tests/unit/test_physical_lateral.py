@@ -80,7 +80,7 @@ def excess(found, truth: dict[str, float]) -> float:
     ],
     ids=["rudder", "aileron", "rudder, Y_r", "dead time"],
 )
-@pytest.mark.fast("aileron")
+@pytest.mark.slow
 def test_parameters_come_back_within_their_errors(model, record, truth, seeds) -> None:
     found = [estimate_physical(model, record(seed)) for seed in seeds]
     squared = [excess(one, truth) for one in found]

@@ -43,6 +43,7 @@ def test_it_is_tried_with_its_delay_where_nothing_explains_the_record() -> None:
 
 
 @pytest.mark.judged
+@pytest.mark.slow
 def test_a_delay_alone_is_none() -> None:
     seen = record(2, 300, 9, direct=False)
     alone = rows(seen, (2,))

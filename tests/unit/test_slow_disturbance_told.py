@@ -21,7 +21,7 @@ def record(seed: int, slow: float) -> Record:
 
 
 @pytest.mark.parametrize("seed", [3, pytest.param(4, marks=pytest.mark.slow)])
-@pytest.mark.fast("3")
+@pytest.mark.slow
 def test_a_random_walk_is_told(seed: int) -> None:
     estimate = identify(record(seed, 0.6), Structure(2, 0))
     assert "drift" in [one.code for one in estimate.findings if one.matters]
