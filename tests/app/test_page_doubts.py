@@ -12,6 +12,7 @@ pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 from in_browser import expect
 
 
+@pytest.mark.slow
 def test_advice_becomes_an_option_and_a_new_model(seen):
     doubt = {"code": "delay", "severity": "warning", "message": "It answers late",
              "remedy": "Have it estimated (delay='free')."}  # fmt: skip

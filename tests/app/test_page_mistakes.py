@@ -105,6 +105,7 @@ def test_a_refusal_goes_when_another_record_is_looked_at_or_something_succeeds(b
         expect(messages).to_have_count(0)
 
 
+@pytest.mark.slow
 def test_a_session_from_before_a_change_does_not_undo_it_on_the_page(seen):
     """The window comes to the front, and before its answer arrives a channel is used otherwise."""
     seen.open("first.csv")

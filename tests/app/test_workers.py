@@ -24,6 +24,7 @@ def preparing():
     began.join(PATIENCE)
 
 
+@pytest.mark.slow
 def test_a_task_says_what_it_waits_for(preparing):
     told = []
     preparing.call("prepare", lambda fraction, words: told.append((fraction, words)))

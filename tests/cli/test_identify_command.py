@@ -219,6 +219,7 @@ def test_from_and_to_cut_in_seconds(run, manoeuvre, question):
 
 
 @pytest.mark.unjudged
+@pytest.mark.slow
 def test_intersample_says_what_the_input_does(run, write_table, question):
     t = DT * np.arange(600)
     u = 0.05 * np.sin(1.3 * t**1.2) * (t > 0.5)

@@ -353,6 +353,7 @@ def test_text_fits_a_terminal_and_tells_the_truth(counted):
 
 
 # ---------------------------------------------------------------------------------------- figures
+@pytest.mark.slow
 def test_pictures_are_written(counted, tmp_path):
     paths = save_study_figures(counted, tmp_path / "new")
     assert [path.name for path in paths] == [

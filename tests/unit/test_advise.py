@@ -212,6 +212,7 @@ def test_a_single_tone_and_a_constant_input(good):
     assert "excites" not in constant.summary()
 
 
+@pytest.mark.slow
 def test_no_response_and_an_input_that_does_nothing(good):
     rng = np.random.default_rng(13)
     silent = advise(Record(good.u, rng.standard_normal(N), dt=DT))
@@ -224,6 +225,7 @@ def test_no_response_and_an_input_that_does_nothing(good):
     assert {seen.input for seen in beside.delays} == {"elevator"}
 
 
+@pytest.mark.slow
 def test_gaps_are_told():
     t = DT * np.arange(N)
     t[400:] += 0.5

@@ -47,6 +47,7 @@ def test_hum_is_named_with_the_frequency_at_which_it_appears(seed, rate, seen):
         assert abs(own.value - value) < 4.0 * own.std
 
 
+@pytest.mark.slow
 def test_hum_is_told_by_validation_and_before_a_model_as_well():
     record = humming(5, 48.0, 0.3)
     checked = validate(identify(record, Structure(2, 0)), record)
