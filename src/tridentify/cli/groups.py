@@ -151,14 +151,15 @@ class Along:
     offset
         A constant on every output: yes, no, or auto (by AICc).
     drift
-        A slope in time on every output: yes, no, or auto (by AICc).
+        A slope in time on every output: yes, no, or auto (by AICc); a number for a polynomial of
+        that degree.
     initial_state
         State at the first sample: rest (all zero), equilibrium (steady under the first input value,
         as in trim), free (any), or auto (by AICc).
     """
 
     offset: Annotated[options.Choice, options.model_option(metavar="HOW")] = "auto"
-    drift: Annotated[options.Choice | None, options.model_option(metavar="HOW")] = None
+    drift: Annotated[str | None, options.model_option(metavar="HOW")] = None
     initial_state: Annotated[
         Literal["auto", "rest", "equilibrium", "free"], options.model_option(metavar="HOW")
     ] = "auto"
@@ -167,7 +168,7 @@ class Along:
         """As `Structure` takes them."""
         return {
             "offset": options.answered(self.offset),
-            "drift": None if self.drift is None else options.answered(self.drift),
+            "drift": options.drift_of(self.drift),
             "initial_state": self.initial_state,
         }
 

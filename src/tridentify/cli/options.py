@@ -18,6 +18,14 @@ Choice = Literal["auto", "yes", "no"]
 """Whether a nuisance term is estimated along."""
 
 
+def drift_of(choice: str | None) -> bool | int | str | None:
+    """A drift as `Structure` wants it: yes, no, auto, or a degree."""
+    if choice is None or choice == "auto":
+        return choice
+    known = {"yes": True, "no": False}
+    return known[choice] if choice in known else (int(choice) if choice.isdecimal() else choice)
+
+
 def answered(choice: Choice) -> bool | Literal["auto"]:
     """A choice as `Structure` wants it."""
     return "auto" if choice == "auto" else choice == "yes"

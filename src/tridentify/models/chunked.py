@@ -19,6 +19,7 @@ from typing import Protocol
 
 import numpy as np
 
+from tridentify.models.columns import drift_columns
 from tridentify.models.regression import LONG_BLOCK, NEGLIGIBLE, Experiment, Layout, Regression
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import Whitener
@@ -194,8 +195,8 @@ class _Sweep:
         if layout.offset:
             buffer[row, :count] = 1.0
             row += 1
-        if layout.drift:
-            buffer[row, :count] = np.arange(start, stop) / (self._experiment.n_samples - 1)
+        place = np.arange(start, stop) / (self._experiment.n_samples - 1)
+        buffer[row : row + layout.drift, :count] = drift_columns(place, layout.drift)
         return first
 
     def triangles(self) -> dict[int, tuple[Array, Array, int, float]]:

@@ -5,8 +5,35 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 
 from tridentify.numerics.arrays import Array
+
+
+def drift_columns(place: Array, degree: int) -> Array:
+    """What a drift of some degree is made of: the ramp, and Legendre polynomials from the second.
+
+    Parameters
+    ----------
+    place : (n,) array
+        From 0 at the first sample of the record to 1 at the last.
+    degree : int
+
+    Returns
+    -------
+    (degree, n) array
+
+    Examples
+    --------
+    >>> drift_columns(np.array([0.0, 0.5, 1.0]), 2).tolist()
+    [[0.0, 0.5, 1.0], [1.0, -0.5, 1.0]]
+    """
+    found = np.empty((int(degree), place.size))
+    if degree:
+        found[0] = place
+    if degree > 1:
+        found[1:] = legvander(2.0 * place - 1.0, degree)[:, 2:].T
+    return found
 
 
 @dataclass(frozen=True)
@@ -17,7 +44,7 @@ class Layout:
     n_inputs: int
     free: bool
     offset: bool
-    drift: bool
+    drift: int
 
     @property
     def states(self) -> int:
@@ -40,7 +67,7 @@ class Layout:
 
     @property
     def nuisance(self) -> slice:
-        """Columns of the constant and the ramp."""
+        """Columns of the constant and of the drift."""
         return slice(self.states + self.n_inputs, self.n_signals)
 
 
@@ -84,5 +111,5 @@ class Regression:
         return np.asarray(self.signals[output][:, : self.layout.order] @ row)
 
     def nuisance_signals(self, output: int) -> Array:
-        """The constant and the ramp (r, 0 to 2)."""
+        """The constant and the drift (r, k)."""
         return self.signals[output][:, self.layout.nuisance]

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tridentify.models.columns import Regression
+from tridentify.models.columns import Regression, drift_columns
 from tridentify.numerics.arrays import Array, Flags, Indices
 from tridentify.numerics.autoregression import gains
 from tridentify.numerics.interpolation import DEGREE
@@ -34,8 +34,10 @@ class Experiment:
         Sampling interval [s]; where ``t`` is given, one of the shorter intervals.
     intersample : str
         ``"zoh"`` or ``"foh"``.
-    free, offset, drift : bool
-        Which nuisance terms are estimated along.
+    free, offset : bool
+        Whether a free initial state and a constant are estimated along.
+    drift : int
+        Degree of the polynomial in time that is: 0 for none, 1 for a slope.
     noise : tuple of (p_i,) arrays
         Autoregressive coefficients of each output's noise; the empty tuple where all are white.
     t : (n_samples,) array, optional
@@ -54,7 +56,7 @@ class Experiment:
     intersample: str
     free: bool
     offset: bool
-    drift: bool
+    drift: int
     noise: tuple[Array, ...] = ()
     t: Array | None = None
     delays: Array | None = None
@@ -103,6 +105,11 @@ class Experiment:
     def instant(self, sample: int) -> float:
         """When one sample was taken, from zero [s]."""
         return sample * self.dt if self.t is None else float(self.t[sample])
+
+    @cached_property
+    def drifts(self) -> Array:
+        """(drift, n_samples) what the drift is made of."""
+        return drift_columns(self.ramp, self.drift)
 
     @cached_property
     def ramp(self) -> Array:
@@ -173,7 +180,7 @@ class Experiment:
         signal, n = self.sampled[outputs[0]], self.n_samples
         degree, acting = _acting(signal)
         known = [*signal.direct.T]
-        known += [np.ones(n)] * self.offset + [self.ramp] * self.drift
+        known += [np.ones(n)] * self.offset + [*self.drifts]
         noise = self.noise[outputs[0]] if self.is_coloured else np.zeros(0)
         seen, log_scale = run.seen[:, run.outputs.index(outputs[0])], 0.0
         gain, scale = np.zeros((0, 1)), np.zeros(0)

@@ -73,7 +73,7 @@ def restricted(
     *,
     free: bool,
     offset: bool,
-    drift: bool,
+    drift: int,
     constants: Array | None = None,
 ) -> Regression:
     """The triangle with fewer nuisance columns, and constants put back on the inputs.
@@ -84,8 +84,10 @@ def restricted(
         With at least the nuisance columns that are kept.
     bank : Cascade
         The bank it was made on.
-    free, offset, drift : bool
+    free, offset : bool
         Which to keep.
+    drift : int
+        The degree to keep.
     constants : (n_inputs,) array, optional
         Added to the inputs. The states' response to a constant that began to act a time ``s``
         before the impulse is ``A^{-1} (e^{A s} x_impulse(t) - B)``, so this needs the impulse
@@ -105,8 +107,7 @@ def restricted(
     if old.offset:
         index += [at] if offset else []
         at += 1
-    if old.drift and drift:
-        index.append(at)
+    index += range(at, at + min(old.drift, drift))
     done: dict[int, Array] = {}
     signals = []
     for i, s in enumerate(regression.signals):
@@ -452,9 +453,7 @@ def _signals(
         if layout.offset:
             buffer[row, :count] = 1.0
             row += 1
-        if layout.drift:
-            buffer[row, :count] = experiment.ramp[start:stop]
-            row += 1
+        buffer[row : row + layout.drift, :count] = experiment.drifts[:, start:stop]
         yield start, stop, first
         if layout.free and first == 0 and np.abs(impulse.state).max() < least:
             first = q

@@ -217,7 +217,7 @@ class ColumnBlocks:
 
 
 def nuisance_blocks(regression: Regression, experiment: int, output: int) -> dict[object, Array]:
-    """Constant and ramp of one output of one experiment as a block of columns."""
+    """Constant and drift of one output of one experiment as a block of columns."""
     block = regression.nuisance_signals(output)
     return {("nuisance", experiment, output): block} if block.shape[1] else {}
 

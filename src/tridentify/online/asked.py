@@ -79,10 +79,10 @@ def refuse_drift(name: str, setting: Setting) -> None:
     ------
     UnsupportedError
     """
-    if setting.structure.drift is True:
+    if setting.structure.drift not in (False, "auto"):
         raise UnsupportedError(
-            f"found drift=True; {name} on-line estimates no drift; leave it out, or use "
-            "online.ThreeModel()"
+            f"found drift={setting.structure.drift}; {name} on-line estimates no drift; "
+            "leave it out, or use online.ThreeModel()"
         )
 
 

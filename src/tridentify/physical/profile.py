@@ -19,6 +19,7 @@ import numpy as np
 
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.models.columns import drift_columns
 from tridentify.models.simulate import distinct, free_responses, simulate
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import Whitener
@@ -99,7 +100,7 @@ class Profile:
         structure, model = self.estimate.structure, self.estimate.model
         free = sum(den.size - 1 for den in distinct(model.den[0]))
         each = free * (structure.initial_state == "free") + bool(structure.offset)
-        return (each + bool(structure.drift)) * len(self.records)
+        return (each + structure.drift_degree) * len(self.records)
 
     def at(self, theta: Array) -> HeldResidual | None:
         """What is left at coefficients; None where the model's response is not finite.
@@ -156,9 +157,8 @@ class Profile:
                 found.append(modes[key])
         if structure.offset is True:
             found.append(np.ones((record.n_samples, 1)))
-        if structure.drift is True:
-            time = record.t - record.t[0]
-            found.append((time / time[-1])[:, None])
+        place = (record.t - record.t[0]) / record.duration
+        found.append(drift_columns(place, structure.drift_degree).T)
         return np.hstack(found) if found else np.zeros((record.n_samples, 0))
 
 

@@ -37,7 +37,7 @@ def settings_table(estimate: Estimate, records: Sequence[Record]) -> list[tuple[
         ("zeros", _per_channel(estimate, structure.zeros)),
         ("delay", _delay_text(estimate)),
         ("offset", _ESTIMATED.get(structure.offset, "")),
-        ("drift", _ESTIMATED.get(structure.drift, "")),
+        ("drift", _ESTIMATED.get(structure.drift, f"of degree {structure.drift}")),
         ("initial state", ", ".join(states) or f"{structure.initial_state}"),
         ("fixed", ", ".join(f"{k} = {v:g}" for k, v in (structure.fixed or {}).items())),
         ("bounds", ", ".join(_bound_text(k, *v) for k, v in (structure.bounds or {}).items())),

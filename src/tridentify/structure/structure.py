@@ -31,6 +31,7 @@ from tridentify.record.checks.orders import (
     checked_bounds,
     checked_choice,
     checked_delays,
+    checked_drift,
     checked_equalities,
     checked_fixed,
     checked_gain,
@@ -42,6 +43,7 @@ from tridentify.record.checks.values import made_from
 from tridentify.structure.orders import Orders
 
 Choice = bool | Literal["auto"]
+Drift = bool | int | Literal["auto"]
 InitialState = Literal["free", "rest", "equilibrium", "auto"]
 
 _PARAMETER = re.compile(r"([ab])([0-9]{1,4})(\[.+\])?|delay(\[.+\])?")
@@ -88,11 +90,12 @@ class Structure(Orders):
         Degree m of the numerators, 0 <= m <= n; nested ``zeros[output][input]`` where they differ.
     delay : float, nested sequence of float, or "free"
         Known dead time of each input [s], nested ``delay[output][input]``; "free" to estimate it.
-    offset, drift : bool or "auto"
-        Whether a constant, or a slope in time, is estimated along on every output. "auto" lets the
-        data decide. Where nothing is said, the offset is "auto" and there is no drift, but behind
-        one integrator (``fixed={"a0": 0}``), where a constant error of the input makes a ramp, the
-        drift is "auto" too.
+    offset : bool or "auto"
+        Whether a constant is estimated along on every output. "auto" lets the data decide.
+    drift : bool, int or "auto"
+        Whether a slope in time is, too, or a polynomial in time of some degree. Where nothing is
+        said there is none, but behind one integrator (``fixed={"a0": 0}``), where a constant error
+        of the input makes a ramp, it is "auto": the data decide.
     initial_state : {"auto", "free", "rest", "equilibrium"}
         "rest": every state is zero at the first sample, for the input as recorded. "equilibrium":
         the steady state under the first input value (a trimmed aircraft); the input counts from
@@ -140,7 +143,7 @@ class Structure(Orders):
 
     _: KW_ONLY
     offset: Choice = "auto"
-    drift: Choice | None = None
+    drift: Drift | None = None
     initial_state: InitialState = "auto"
     fixed: Mapping[str, float] | None = field(default=None, hash=False)
     bounds: Mapping[str, Bounds] | None = field(default=None, hash=False)
@@ -154,7 +157,7 @@ class Structure(Orders):
         *,
         delay: float | Sequence[Sequence[float]] | Literal["free"] = 0.0,
         offset: Choice = "auto",
-        drift: Choice = False,
+        drift: Drift = False,
         initial_state: InitialState = "auto",
     ) -> AutoStructure:
         """A structure whose orders `identify` chooses, as `select_structure` recommends them.
@@ -201,9 +204,7 @@ class Structure(Orders):
             "zeros": checked_orders("zeros", self.zeros, lowest=0),
             "delay": checked_delays(self.delay),
             "offset": checked_choice("offset", self.offset),
-            "drift": self._default_drift()
-            if self.drift is None
-            else checked_choice("drift", self.drift),
+            "drift": self._default_drift() if self.drift is None else checked_drift(self.drift),
             "fixed": MappingProxyType(checked_fixed(self.fixed)),
             "bounds": MappingProxyType(checked_bounds(self.bounds)),
             "equalities": checked_equalities(self.equalities),
@@ -221,7 +222,7 @@ class Structure(Orders):
         self._check_shapes()
         self._check_constraints()
 
-    def _default_drift(self) -> Choice:
+    def _default_drift(self) -> Drift:
         """Behind one integrator a constant error of the input is a ramp of the output.
 
         Behind two it is a parabola, and a ramp is the free response of a rate at the beginning.
@@ -230,6 +231,11 @@ class Structure(Orders):
         zero = {str(name) for name in fixed if fixed[name] == 0}
         once = any(name.startswith("a0") and f"a1{name[2:]}" not in zero for name in zero)
         return "auto" if once and self.initial_state != "equilibrium" else False
+
+    @property
+    def drift_degree(self) -> int:
+        """Highest degree of a drift that may be estimated along; 0 for none."""
+        return 1 if isinstance(self.drift, str) else int(self.drift or 0)
 
     def _check_shapes(self) -> None:
         nested = {

@@ -166,10 +166,7 @@ class Estimate(EstimateInWords, EstimateViews):
         response = simulate(self.model, shifted, free_response=free, free_after=terms.free_after)
         if terms.free_after:
             response[record.t - record.t[0] < (1.0 - 1e-9) * terms.free_after] = np.nan
-        fitted: Array = response + terms.offset if np.any(terms.offset) else response
-        if np.any(terms.drift):
-            fitted = fitted + np.outer(record.t - terms.t0, terms.drift)
-        return fitted
+        return np.asarray(response + terms.constants(record.t))
 
     def residual(self, record: Record, *, experiment: int = 0) -> Array:
         """Recorded minus fitted output, shape (n_samples, n_outputs); nan where not recorded."""

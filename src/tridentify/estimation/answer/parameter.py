@@ -10,6 +10,7 @@ import numpy as np
 
 from tridentify.errors import OptionError
 from tridentify.estimation.answer.trace import freeze_arrays
+from tridentify.models.columns import drift_columns
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.quantiles import around
 from tridentify.writing.layout import format_value
@@ -152,6 +153,9 @@ class Nuisance:
         Subtracted from the input before the model [input units].
     offset, drift : ndarray, shape (n_outputs,)
         Added to the model response [output units], [output units/s]; drift counts from ``t0`` [s].
+    bends : ndarray, shape (n_outputs, degree - 1)
+        Weights of the Legendre polynomials of degree two and up, from -1 at ``t0`` to 1 a
+        ``duration`` later [output units]; none of a straight drift.
     free_response : ndarray, shape (n_outputs, n) or (n_outputs, n_inputs, n)
         Numerators c(p) of the response c(p)/a(p) delta(t) to the initial state, descending powers;
         of every channel where denominators are separate, zeros in front of the shorter ones.
@@ -161,6 +165,8 @@ class Nuisance:
         "rest", "equilibrium" or "free".
     t0 : float
         First instant of the record [s].
+    duration : float
+        Length of the record [s].
     free_after : float
         How long after ``t0`` the free response begins [s]: with delays, when the last of the
         inputs has arrived. What came before is not explained.
@@ -175,6 +181,16 @@ class Nuisance:
     initial_state: str = "rest"
     t0: float = 0.0
     free_after: float = 0.0
+    bends: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
+    duration: float = 0.0
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
+
+    def constants(self, t: Array) -> Array:
+        """(n_samples, n_outputs) offset and drift at instants [s]."""
+        found = self.offset + np.outer(t - self.t0, self.drift)
+        if not self.bends.size:
+            return np.asarray(found)
+        columns = drift_columns((t - self.t0) / self.duration, self.bends.shape[1] + 1)[1:]
+        return np.asarray(found + (self.bends @ columns).T)

@@ -290,16 +290,13 @@ def _nuisance(
     problem, place = here.problem, here.place
     offset, drift, offset_std, drift_std = np.zeros((4, problem.n_outputs))
     free = np.zeros((problem.n_outputs, problem.n_poles))
-    constants = int(nuisances.offset) + int(nuisances.drift)
+    bends = np.zeros((problem.n_outputs, max(nuisances.drift - 1, 0)))
+    duration, constants = problem.experiments[e].duration, nuisances.offset + nuisances.drift
     for i in range(problem.n_outputs):
         terms, std = here.terms[e, i], spread.terms[e, i]
-        at = terms.size - constants
-        if nuisances.offset:
-            offset[i], offset_std[i] = terms[at], std[at]
-            at += 1
-        if nuisances.drift:
-            duration = problem.experiments[e].duration
-            drift[i], drift_std[i] = terms[at] / duration, std[at] / duration
+        own = slice(terms.size - constants, None)
+        offset[i], drift[i], bends[i] = nuisances.split(terms[own], duration)
+        offset_std[i], drift_std[i], _ = nuisances.split(std[own], duration)
         free[i] = free_numerator(place, place.free_row(e, terms))
     return Nuisance(
         input_reference=reference(record, nuisances, known),
@@ -311,6 +308,8 @@ def _nuisance(
         initial_state=nuisances.initial_state,
         t0=float(record.t[0]),
         free_after=free_after(problem, e),
+        bends=bends,
+        duration=duration,
     )
 
 

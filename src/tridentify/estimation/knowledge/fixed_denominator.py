@@ -153,7 +153,7 @@ class Denominator:
     def first_chained(self, e: int) -> int:
         """How many of the chain's free responses the constant and the ramp stand for."""
         layout = self.regressions[e].layout
-        return min(self.integrators, layout.offset + (layout.offset and layout.drift))
+        return min(self.integrators, layout.offset + layout.offset * layout.drift)
 
     def free_row(self, e: int, terms: Array) -> Array:
         """Free response on the bank from the first of the nuisance terms; zero at rest."""

@@ -353,17 +353,14 @@ def _nuisance(
     found = []
     for e, record in enumerate(records):
         offset, drift, offset_std, drift_std = np.zeros((4, problem.n_outputs))
+        bends = np.zeros((problem.n_outputs, max(nuisances.drift - 1, 0)))
+        duration = problem.experiments[e].duration
         for i in range(problem.n_outputs):
             values = point.terms(("nuisance", e, i), i)
             where = keys.get((i, ("nuisance", e, i)), slice(0, 0))
             std = np.sqrt(np.diag(inverse)[where])
-            at = 0
-            if nuisances.offset:
-                offset[i], offset_std[i] = values[at], std[at]
-                at += 1
-            if nuisances.drift:
-                duration = problem.experiments[e].duration
-                drift[i], drift_std[i] = values[at] / duration, std[at] / duration
+            offset[i], drift[i], bends[i] = nuisances.split(values, duration)
+            offset_std[i], drift_std[i], _ = nuisances.split(std, duration)
         found.append(
             Nuisance(
                 input_reference=reference_of(record, nuisances),
@@ -375,6 +372,8 @@ def _nuisance(
                 initial_state=nuisances.initial_state,
                 t0=float(record.t[0]),
                 free_after=free_after(problem, e),
+                bends=bends,
+                duration=duration,
             )
         )
     return tuple(found)

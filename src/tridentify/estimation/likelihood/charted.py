@@ -50,13 +50,13 @@ def _given(base: Problem, variant: Variant | None) -> Given | None:
         return None
     free, offset, drift, constants = e.free, e.offset, e.drift, np.zeros((0, 0))
     if variant is not None:
-        free, offset, drift = variant.free, offset and variant.offset, drift and variant.drift
+        free, offset, drift = variant.free, offset and variant.offset, min(drift, variant.drift)
         if shifts(variant):
             if any(one.leads is not None for one in base.experiments):
                 return None
             none = np.zeros(base.n_inputs)
             constants = np.array([none if one is None else one for one in variant.constants])
-    nuisance = np.array([0] * offset + [int(e.offset)] * drift, dtype=np.int64)
+    nuisance = np.array([0] * offset + [e.offset + k for k in range(drift)], dtype=np.int64)
     shape = flat.which, flat.place, *base.pattern, int(e.free), free, nuisance, constants
     return Given(flat[:5], shape)
 

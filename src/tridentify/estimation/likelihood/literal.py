@@ -177,12 +177,12 @@ def _nuisance(literal: Literal, record: Record, e: int) -> Nuisance:
     problem, nuisances = literal.problem, literal.nuisances
     table = numerators(literal.poles)
     offset, drift = np.zeros((2, problem.n_outputs))
+    bends = np.zeros((problem.n_outputs, max(nuisances.drift - 1, 0)))
+    duration = problem.experiments[e].duration
     free = np.zeros((problem.n_outputs, problem.n_poles))
     for i in range(problem.n_outputs):
         rest = literal.rests[e, i]
-        terms = list(rest.terms)
-        offset[i] = terms.pop(0) if nuisances.offset else 0.0
-        drift[i] = terms.pop(0) / problem.experiments[e].duration if nuisances.drift else 0.0
+        offset[i], drift[i], bends[i] = nuisances.split(rest.terms, duration)
         free[i] = rest.free_row @ table
     return Nuisance(
         input_reference=reference_of(record, nuisances),
@@ -194,4 +194,6 @@ def _nuisance(literal: Literal, record: Record, e: int) -> Nuisance:
         initial_state=nuisances.initial_state,
         t0=float(record.t[0]),
         free_after=free_after(problem, e),
+        bends=bends,
+        duration=duration,
     )

@@ -173,7 +173,7 @@ class LongQuestion:
             behaviour,
             free=any(one.initial_state in ("free", "equilibrium") for one in choices),
             offset=any(one.offset for one in choices),
-            drift=any(one.drift for one in choices),
+            drift=max(one.drift for one in choices),
             noise=noise,
             delays=delays if np.any(delays) else None,
             start=start,

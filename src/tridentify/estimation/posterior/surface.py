@@ -236,7 +236,7 @@ def _uniform(
 
     n_samples, n_inputs = e.u.shape
     seen = np.isfinite(e.y[:, output])
-    common = [row for row, there in ((np.ones(n_samples), e.offset), (e.ramp, e.drift)) if there]
+    common = [np.ones(n_samples)] * e.offset + [*e.drifts]
     before = np.array(common).reshape(len(common), n_samples)
     last = np.where(seen, e.y[:, output], 0.0)
     after = np.ascontiguousarray(np.vstack([signal.direct.T, last]))
@@ -269,8 +269,7 @@ def _filled(
     if e.offset:
         columns[:, at] = 1.0
         at += 1
-    if e.drift:
-        columns[:, at] = e.ramp
+    columns[:, at : at + e.drift] = e.drifts
     _fill_any(columns, e, signal.in_units(unit), bank_a, bank_b, n, nuisance)
     columns[:, nuisance + n_inputs * q : width - 1] = signal.direct.T
     return columns, nuisance

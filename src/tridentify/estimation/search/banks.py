@@ -231,10 +231,11 @@ def _asked_of(base: Problem, variants: Sequence[Variant], most: int) -> Asked | 
     if known is None or flat is None or any(given(base, one) is None for one in variants):
         return None
     e, none = base.experiments[0], np.zeros(base.n_inputs)
-    frees, kept = np.zeros(len(variants), dtype=np.bool_), np.full((len(variants), 2), -1)
+    frees, kept = np.zeros(len(variants), dtype=np.bool_), np.full((len(variants), 1 + e.drift), -1)
     constants = np.zeros((len(variants), len(base.experiments), base.n_inputs))
     for v, variant in enumerate(variants):
-        own = [0] * variant.offset + [int(e.offset)] * (variant.drift and e.drift)
+        own = [0] * variant.offset
+        own += [e.offset + k for k in range(min(variant.drift, e.drift))]
         frees[v], kept[v, : len(own)] = variant.free, own
         if shifts(variant):
             constants[v] = [none if one is None else one for one in variant.constants]
@@ -252,7 +253,7 @@ def prices_of(
         samples = float(base.flat.counts.sum())
     rows = []
     for one in variants:
-        kept = one.offset + (one.drift and e.drift)
+        kept = one.offset + min(one.drift, e.drift)
         per_order = base.n_inputs + one.free * n_experiments
         shared = 1 + kept * n_experiments + base.n_inputs * base.biproper
         rows.append(_prices(n_outputs * per_order, n_outputs * shared, most, samples))
@@ -266,9 +267,10 @@ def _prices(per_order: int, shared: int, most: int, samples: float) -> Array:
 
 
 def kept_columns(layout: Layout, variant: Variant) -> list[int]:
-    """The columns of constant and ramp that a choice keeps."""
+    """The columns of constant and drift that a choice keeps."""
     one = layout.nuisance.start
-    return [one] * variant.offset + [one + layout.offset] * (variant.drift and layout.drift)
+    first = one + layout.offset
+    return [one] * variant.offset + [*range(first, first + min(variant.drift, layout.drift))]
 
 
 def costs(base: Problem, variant: Variant, poles: Complex) -> Array:

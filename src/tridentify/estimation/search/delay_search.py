@@ -185,7 +185,7 @@ def _problems(records: Sequence[Record], structure: Structure) -> list[Problem]:
     found = []
     for kind in kinds:
         offset = structure.offset is not False or kind == "equilibrium"
-        chosen = Nuisances(kind, offset, structure.drift is not False)
+        chosen = Nuisances(kind, offset, structure.drift_degree)
         longest = (STRETCHES[-1] if kind == "free" else LONGEST_STATED) * shortest
         state = cast("InitialState", kind)
         known = replace(structure, delay=0.0, initial_state=state, offset=offset)

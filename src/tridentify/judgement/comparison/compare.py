@@ -113,7 +113,7 @@ class _Pair:
 
     model: TransferFunction
     record: Record
-    drift: bool
+    drift: int
 
 
 def _sorted_out(given: Sequence[Any]) -> tuple[Any, tuple[Record, ...]]:
@@ -177,9 +177,9 @@ def _matched(entry: Entry, record: Record, name: str) -> _Pair:
     seen = record.select(inputs, [outputs[i] for i in kept])
     if entry.estimate is not None:
         seen = seen.settled(entry.estimate.intersample)
-        drift = bool(entry.estimate.structure.drift)
+        drift = entry.estimate.structure.drift_degree
     else:
-        drift = integrates(entry.model, record.duration)
+        drift = int(integrates(entry.model, record.duration))
     model = TransferFunction(
         [list(entry.model.num[i]) for i in kept],
         [list(entry.model.den[i]) for i in kept],

@@ -16,6 +16,7 @@ import numpy as np
 
 from tridentify.errors import ScaleError
 from tridentify.judgement.comparison.both_ways import grows, responses
+from tridentify.models.columns import drift_columns
 from tridentify.models.simulate import free_responses, simulate
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.least_squares import solve, triangle
@@ -28,7 +29,7 @@ LOST = 0.01
 """Share of an output's movement that rounding may make up: a hundredth moves a fit by as much."""
 
 
-def refitted(model: TransferFunction, record: Record, *, drift: bool) -> Array:
+def refitted(model: TransferFunction, record: Record, *, drift: int) -> Array:
     """Response of a model with offset, initial state and perhaps drift fitted to a record.
 
     Parameters
@@ -37,8 +38,8 @@ def refitted(model: TransferFunction, record: Record, *, drift: bool) -> Array:
         Held.
     record : Record
         Of the model's inputs and outputs, in their order.
-    drift : bool
-        Fit a straight line too.
+    drift : int
+        Degree of the polynomial in time that is fitted too.
 
     Returns
     -------
@@ -52,7 +53,7 @@ def refitted(model: TransferFunction, record: Record, *, drift: bool) -> Array:
     >>> model = TransferFunction([2.0], [1.0, 1.0])
     >>> u, t = np.zeros(4), np.arange(4.0)
     >>> record = Record(u, 3.0 + 0.5 * np.exp(-t), t=t)
-    >>> (refitted(model, record, drift=False)[:, 0] - record.y[:, 0]).round(12).tolist()
+    >>> (refitted(model, record, drift=0)[:, 0] - record.y[:, 0]).round(12).tolist()
     [0.0, 0.0, 0.0, 0.0]
     """
     nothing = np.full((record.n_samples, model.n_outputs), np.nan)
@@ -69,9 +70,7 @@ def refitted(model: TransferFunction, record: Record, *, drift: bool) -> Array:
     except ScaleError:
         return nothing
     found = nothing
-    constants = [np.ones((record.n_samples, 1))]
-    if drift:
-        constants.append((since / since[-1] - 0.5)[:, None])
+    constants = [np.ones((record.n_samples, 1)), drift_columns(since / since[-1], drift).T]
     for i in range(model.n_outputs):
         columns = np.hstack([*free[i], *constants])
         seen = np.isfinite(record.y[:, i])

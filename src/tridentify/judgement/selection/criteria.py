@@ -115,7 +115,7 @@ def unknowns_of(estimate: Estimate) -> int:
     poles = estimate.structure.poles_matrix(*shape)
     states = sum(row[0] if estimate.structure.shared else sum(row) for row in poles)
     for terms in estimate.nuisance:
-        along -= n_outputs * (bool(estimate.structure.offset) + bool(estimate.structure.drift))
+        along -= n_outputs * (bool(estimate.structure.offset) + estimate.structure.drift_degree)
         along -= states * (terms.initial_state == "free")
     return free_coefficients(estimate) - along + n_outputs
 

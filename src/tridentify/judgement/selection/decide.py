@@ -176,7 +176,7 @@ def _with_more(
 
     def is_likelier(k: int) -> bool:
         plain, other = rows[place].structure, rows[k].structure
-        more = other.delay == "free" or other.drift is True
+        more = other.delay == "free" or other.drift not in (False, "auto")
         alike = more and replace(other, delay=plain.delay, drift=plain.drift) == plain
         if not alike or rows[k].doubts or not (contenders[k].usable and contenders[place].usable):
             return False

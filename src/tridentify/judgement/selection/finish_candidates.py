@@ -203,7 +203,7 @@ def contained(small: Entry, large: Entry, shape: tuple[int, int]) -> bool:
     wide = all(
         m + more <= k for a, b in zip(few, many, strict=True) for m, k in zip(a, b, strict=True)
     )
-    along = (not one.offset or other.offset) and (not one.drift or other.drift)
+    along = (not one.offset or other.offset) and one.drift_degree <= other.drift_degree
     free = one.initial_state == other.initial_state or other.initial_state == "free"
     return more >= 0 and wide and bool(along) and free and one is not other
 

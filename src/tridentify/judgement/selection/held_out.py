@@ -46,6 +46,7 @@ from tridentify.estimation.likelihood.setup.nuisance import first_explained
 from tridentify.estimation.methods.output_error import OutputError
 from tridentify.judgement.causes.attempts.revisit import poles_of_estimate, problem_of, stated
 from tridentify.judgement.selection.paired import RANK, without
+from tridentify.models.columns import drift_columns
 from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.threads import one_blas_thread
@@ -296,7 +297,7 @@ def _on_all(estimate: Estimate, model: TransferFunction, record: Record, own: bo
         late = replace(known, delay=model.delay.tolist(), initial_state="free")
         error[: first_explained(record, late)] = np.nan
     for i, columns in enumerate(
-        _columns(estimate, model, record, Open(offset, bool(known.drift), free))
+        _columns(estimate, model, record, Open(offset, known.drift_degree, free))
     ):
         error[:, i] = without(columns, error[:, i])
     return error
@@ -307,7 +308,7 @@ class Open:
     """Which nuisance terms there are."""
 
     offset: bool
-    drift: bool
+    drift: int
     free: bool
 
 
@@ -318,7 +319,7 @@ def _open_terms(task: HeldEstimate, record: Record) -> tuple[Array, ...]:
     beyond = bool(task.validation)
     terms = Open(
         beyond or asked.offset is not False,
-        asked.drift is not False,
+        asked.drift_degree,
         beyond or asked.initial_state in ("auto", "free"),
     )
     return tuple(_columns(task.estimate, task.estimate.model, record, terms))
@@ -338,8 +339,7 @@ def _columns(
             for k in range(model.den[i][j].size - 1):
                 unit = _unit(estimate, model, i, j, k)
                 columns.append(simulate(model, still, free_response=unit)[:, i])
-        if terms.drift:
-            columns.append(np.asarray(record.t - record.t[0]))
+        columns += [*drift_columns((record.t - record.t[0]) / record.duration, terms.drift)]
         found.append(np.column_stack(columns) if columns else np.zeros((record.n_samples, 0)))
     return found
 

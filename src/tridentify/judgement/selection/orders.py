@@ -140,7 +140,7 @@ def order_label(structure: Structure) -> str:
         label += ", free delay"
     elif isinstance(structure.delay, float) and structure.delay > 0.0:
         label += f", delay {structure.delay:.4g} s"
-    if structure.drift is True:
+    if structure.drift not in (False, "auto"):
         label += ", drift"
     if is_integrator(structure):
         return f"{label}, integrator"

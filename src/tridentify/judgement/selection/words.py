@@ -226,7 +226,8 @@ def named(structure: Structure) -> str:
         poles = "1 pole, at zero," if n == 1 else f"{n} poles, one of them at zero,"
     else:
         poles = f"{n} pole{'s' if n > 1 else ''}"
-    return f"{poles} and {zeros}{delay}{' with a drift' if structure.drift is True else ''}"
+    drift = "" if structure.drift in (False, "auto") else " with a drift"
+    return f"{poles} and {zeros}{delay}{drift}"
 
 
 def _against_larger(

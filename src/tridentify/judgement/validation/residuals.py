@@ -289,7 +289,7 @@ def _leave_out(estimate: Estimate, residual: Array, experiment: int) -> None:
 
 def _choices(estimate: Estimate, records: Sequence[Record]) -> list[Nuisances]:
     """Ways in which other records may begin."""
-    drift = bool(estimate.structure.drift)
+    drift = estimate.structure.drift_degree
     found = [Nuisances("rest", False, drift), Nuisances("rest", True, drift)]
     if any(np.any(record.u[0]) for record in records):
         found.append(Nuisances("equilibrium", True, drift))
@@ -387,7 +387,7 @@ def start_columns(estimate: Estimate, records: Sequence[Record]) -> list[Array]:
     list of (n_samples, k) array
         Of every output, one experiment below the other.
     """
-    point = point_of(estimate, records, Nuisances("free", True, bool(estimate.structure.drift)))
+    point = point_of(estimate, records, Nuisances("free", True, estimate.structure.drift_degree))
     found = []
     for i in range(point.problem.n_outputs):
         columns, ours, _ = _columns(point, i)

@@ -31,6 +31,8 @@ Number = TypeVar("Number", int, float)
 Matrix = tuple[tuple[Number, ...], ...]
 
 HIGHEST_ORDER = 200
+HIGHEST_DRIFT = 10
+"""Degree of a drift: a polynomial of a higher one follows a response of the record's length."""
 """Most poles of a channel: far below, no digit of a coefficient is left in double precision, and
 the roots of a polynomial of this degree still take milliseconds."""
 
@@ -120,6 +122,18 @@ def checked_choice(label: str, value: object) -> bool | str:
     if isinstance(value, str) and value == "auto":
         return value
     raise OptionError(f"found {label}={shown(value)}; expected True, False or 'auto'; choose one")
+
+
+def checked_drift(value: object) -> bool | int | str:
+    """Give True, False, "auto" or the degree of a polynomial in time, from two on."""
+    if isinstance(value, (int, np.integer)) and 0 <= value <= HIGHEST_DRIFT:
+        return int(value) if value > 1 else bool(value)
+    if isinstance(value, str) and value == "auto":
+        return value
+    raise OptionError(
+        f"found drift={shown(value)}; expected True, False, 'auto' or the degree of a polynomial "
+        f"in time, up to {HIGHEST_DRIFT}; choose one"
+    )
 
 
 def _number(value: object) -> float:

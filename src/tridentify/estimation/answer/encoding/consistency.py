@@ -184,6 +184,12 @@ def check_nuisance(nuisance: Sequence[Nuisance], model: TransferFunction) -> Non
                 f"found a free response of shape {free}; expected finite numbers of shape "
                 f"{(n_outputs, longest)} or {(n_outputs, n_inputs, longest)}"
             )
+        bends = terms.bends.shape[:1] in ((n_outputs,), (0,)) and terms.duration >= 0.0
+        if not bends or not np.all(np.isfinite([terms.duration, *terms.bends.ravel()])):
+            raise ShapeError(
+                f"found bends {shown(terms.bends.tolist())} over {terms.duration} s; expected "
+                f"finite numbers, for {n_outputs} outputs"
+            )
         if np.any(terms.offset_std < 0.0) or np.any(terms.drift_std < 0.0):
             raise ShapeError("found a standard error of an offset below zero; expected none")
         if terms.initial_state not in ("rest", "equilibrium", "free", "auto"):

@@ -50,7 +50,7 @@ class Nuisances:
 
     initial_state: str
     offset: bool
-    drift: bool
+    drift: int
 
     @property
     def label(self) -> str:
@@ -58,7 +58,7 @@ class Nuisances:
         words = [f"initial state {self.initial_state}"]
         words.append("offset" if self.offset else "no offset")
         if self.drift:
-            words.append("drift")
+            words.append("drift" if self.drift == 1 else f"drift of degree {self.drift}")
         return ", ".join(words)
 
     def told(self, why: str) -> KnownDecision:
@@ -74,6 +74,12 @@ class Nuisances:
         fixed = self.offset + self.drift
         free = self.initial_state == "free"
         return sum(n * free + fixed for n in states) * n_experiments
+
+    def split(self, terms: Array, duration: float) -> tuple[float, float, Array]:
+        """Offset, slope per second and bends of one output, of its constants or their errors."""
+        offset, drift = float(terms[0]) if self.offset else 0.0, terms[int(self.offset) :]
+        slope = float(drift[0]) / duration if self.drift else 0.0
+        return offset, slope, np.asarray(drift[1:])
 
     def resolved(self, structure: Structure) -> Structure:
         """The structure with this choice in place of what it leaves open."""
@@ -148,7 +154,7 @@ def open_choices(
         As `candidates`.
     """
     offsets = (False, True) if structure.offset == "auto" else (bool(structure.offset),)
-    drifts = (False, True) if structure.drift == "auto" else (bool(structure.drift),)
+    drifts = (0, 1) if structure.drift == "auto" else (structure.drift_degree,)
     if structure.initial_state == "equilibrium" and structure.offset is False:
         raise OptionError(
             "found initial_state='equilibrium' with offset=False; expected an offset, which is the "
@@ -374,7 +380,7 @@ def build_base(
     fullest = Nuisances(
         "equilibrium" if only_shifted else "free" if free else "rest",
         any(c.offset for c in choices),
-        any(c.drift for c in choices),
+        max(c.drift for c in choices),
     )
     base = build(records, structure, fullest, shift=only_shifted)
     variants = []

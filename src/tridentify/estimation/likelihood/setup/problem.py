@@ -400,15 +400,17 @@ class Variant:
 
     Attributes
     ----------
-    free, offset, drift : bool
+    free, offset : bool
         Which terms to keep.
+    drift : int
+        Degree of the drift that is kept.
     constants : tuple of (n_inputs,) arrays or None
         Per experiment, what has to be added back to the inputs.
     """
 
     free: bool
     offset: bool
-    drift: bool
+    drift: int
     constants: tuple[Array | None, ...]
 
     def problem(self, base: Problem) -> Problem:

@@ -73,9 +73,9 @@ class Triangles:
             # constants go into the columns themselves
             whole, kept = variant.regressions(whole, bank.cascade), None
         layout = whole[0].layout
-        last, terms = layout.n_signals - 1, layout if kept is None else kept
-        nuisance = [last - layout.drift] * (layout.offset and terms.offset)
-        nuisance += [last] * (layout.drift and terms.drift)
+        first, terms = layout.n_signals - layout.drift, layout if kept is None else kept
+        nuisance = [first - 1] * (layout.offset and terms.offset)
+        nuisance += range(first, first + min(layout.drift, terms.drift))
         stack, which, targets = _stacked(whole)
         columns = np.array(nuisance, dtype=np.int64)
         counts = np.array(np.sum([one.counts for one in whole], axis=0), dtype=np.float64)

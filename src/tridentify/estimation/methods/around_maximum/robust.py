@@ -227,6 +227,7 @@ def _judge(
     # the same unknowns whether or not samples were set aside
     unknowns = len(estimate.theta) + sum(
         n.offset.size * (bool(np.any(n.offset_std)) + bool(np.any(n.drift_std)))
+        + n.bends.size
         + (n.free_response.size if n.initial_state == "free" else 0)
         for n in estimate.nuisance
     )

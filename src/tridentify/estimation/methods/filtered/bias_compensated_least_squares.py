@@ -349,15 +349,13 @@ def _noise_free(model: HeldModel) -> list[Experiment]:
     found = []
     for e, experiment in enumerate(problem.experiments):
         regression = unreduced(experiment, inner)
-        ramp = np.linspace(0.0, 1.0, experiment.n_samples)
         y = np.empty_like(experiment.y)
         for i in range(problem.n_outputs):
             terms = list(model.rests[e, i].terms)
             y[:, i] = model.response.signal(regression, e, i)
             if experiment.offset:
                 y[:, i] += terms.pop(0)
-            if experiment.drift:
-                y[:, i] += terms.pop(0) * ramp
+            y[:, i] += np.array(terms) @ experiment.drifts
         found.append(replace(experiment, y=y))
     return found
 

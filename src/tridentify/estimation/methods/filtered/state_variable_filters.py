@@ -99,14 +99,12 @@ def filtered_outputs(experiment: Experiment, c: Cascade, *extra: Array) -> Array
 
 
 def constants(experiment: Experiment) -> tuple[Array, ...]:
-    """The constant and the ramp over the record, where they are estimated along."""
+    """The constant and the drift over the record, where they are estimated along."""
     count = experiment.n_samples
     found: tuple[Array, ...] = ()
     if experiment.offset or experiment.drift:
         found += (np.ones(count),)
-    if experiment.drift:
-        found += (np.linspace(0.0, 1.0, count),)
-    return found
+    return (*found, *experiment.drifts)
 
 
 def with_filtered(experiment: Experiment, c: Cascade) -> Experiment:

@@ -22,7 +22,7 @@ from tridentify.record.record import Record
 def stated(estimate: Estimate) -> Nuisances:
     """The nuisance terms that were decided on."""
     s = estimate.structure
-    return Nuisances(str(s.initial_state), bool(s.offset), bool(s.drift))
+    return Nuisances(str(s.initial_state), bool(s.offset), s.drift_degree)
 
 
 def problem_of(estimate: Estimate, records: Sequence[Record], nuisances: Nuisances) -> Problem:
