@@ -50,6 +50,7 @@ from tridentify.estimation.methods.around_maximum.levels import (
 from tridentify.estimation.methods.around_maximum.maximum import Maximum, Reached, maximum, nearby
 from tridentify.estimation.methods.around_maximum.noise import with_noise_model
 from tridentify.estimation.methods.around_maximum.robust import check_loss, robust_estimate
+from tridentify.estimation.methods.around_maximum.slow_drift import drifting, is_drift
 from tridentify.estimation.methods.base import Progress, check, check_count, check_tolerance
 from tridentify.estimation.methods.by_reference.controller_kind import Controller, check_controller
 from tridentify.estimation.methods.by_reference.reference import reference_estimate
@@ -271,10 +272,20 @@ class ThreeModel:
         if located is not None:
             question, starts = question.freed(located.limits), starts.beside(located.place.poles)
         # Step 4: repeated on adapted operators, to the stationary point of the output error
-        best = maximum(question, starts)
+        white, in_loop = maximum(question, starts), route == "direct"
         # the noise modelled where it is not white, and all steps again on whitened samples
-        ended, in_loop = question.ended(best.end.point), route == "direct"
-        best = with_noise_model(noise, ended, starts, best, in_loop=in_loop)
+        ended = question.ended(white.end.point)
+        best = with_noise_model(noise, ended, starts, white, in_loop=in_loop)
+        # and again beside a drift, where a slow disturbance is left
+        open_ = drifting(question, white) if noise == "auto" and not in_loop else None
+        if open_ is not None:
+            say("a slow disturbance")
+            again = search(open_.held, self.starts, whitened_later=True, near=near)
+            white = maximum(open_, again)
+            ended = open_.ended(white.end.point)
+            drifted = with_noise_model(noise, ended, again, white)
+            if is_drift(open_, drifted, best):
+                best, starts = drifted, again
         told = Trace(_way(best, near is None), best.tried, best.decisions, best.end.why)
         reached = Reached.of(best.end, told, starts.scan, best.moved)
         return replace(reached, reacts=in_loop)

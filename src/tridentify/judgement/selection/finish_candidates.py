@@ -253,11 +253,12 @@ def nuisance_choices(records: Sequence[Record], structure: Structure) -> tuple[N
 
 
 def with_nuisances(task: CandidateTask, terms: Nuisances) -> CandidateTask:
-    """The same candidate with one choice of nuisance terms."""
+    """The same candidate with one choice of nuisance terms; a drift that it has stays its own."""
+    own = task.structure.drift
     pinned = replace(
         task.structure,
         offset=terms.offset,
-        drift=terms.drift,
+        drift=terms.drift if own == "auto" else own,
         initial_state=cast("InitialState", terms.initial_state),
     )
     return replace(task, structure=pinned)

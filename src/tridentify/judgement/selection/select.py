@@ -162,12 +162,20 @@ def select_structure(
         if other is not None:
             settled, work = other, replace(work, records=other.records, identified=None)
             opened = work.opened(structures)
-        found = work.selection(structures, opened, settled.unseen, settled.told)
+        found = work.selection(opened, settled.unseen, settled.told)
         other = resettled_again(given, unseen, settled, found.recommended, chosen)
         if other is not None:
             work = replace(work, records=other.records, identified=None)
-            found = work.selection(structures, work.opened(structures), other.unseen, other.told)
+            found = work.selection(work.opened(structures), other.unseen, other.told)
         return having_said(found, given, work.records, chosen)
+
+
+def _with_drift(task: CandidateTask, alone: Entry) -> CandidateTask:
+    """The candidate with the drift that its own estimate has found; its rivals may have none."""
+    degree = 0 if alone.estimate is None else alone.estimate.structure.drift_degree
+    if task.structure.drift is not False or not degree:
+        return task
+    return replace(task, structure=replace(task.structure, drift=degree))
 
 
 def _check_channels(records: Sequence[Record], unseen: Sequence[Record]) -> None:
@@ -186,6 +194,7 @@ def _check_channels(records: Sequence[Record], unseen: Sequence[Record]) -> None
 class _Opened:
     """The candidates by themselves, and compared on the maximum of one likelihood."""
 
+    structures: tuple[Structure, ...]
     table: SelectionTable
     whole: tuple[Entry, ...]
 
@@ -230,14 +239,14 @@ class _Work:
         """
         tasks = self._tasks(structures)
         alone = self._identified(tasks, before)
+        tasks = [_with_drift(one, alone[k]) if k in alone else one for k, one in enumerate(tasks)]
         first = self._started(tasks, alone)
         table = Contest(self.records, self.method, self.run).table(tasks, first)
         whole = (alone.get(k, entry) for k, entry in enumerate(table.entries))
-        return _Opened(table, tuple(whole))
+        return _Opened(tuple(one.structure for one in tasks), table, tuple(whole))
 
     def selection(
         self,
-        structures: Sequence[Structure],
         opened: _Opened,
         unseen: tuple[Record, ...],
         told: tuple[str, ...],
@@ -246,10 +255,10 @@ class _Work:
         evidence = OrderEvidence(
             self.records,
             unseen or self.records,
-            tuple(structures),
+            opened.structures,
             opened.table,
             opened.whole,
-            tuple(self._held_out(opened.whole, structures, unseen)),
+            tuple(self._held_out(opened.whole, opened.structures, unseen)),
         )
         if self.free:
             asked = integrating(evidence.rows, self.records)

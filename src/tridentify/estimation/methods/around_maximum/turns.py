@@ -125,7 +125,7 @@ class Turns:
             return best or self.found
         if best is None:
             return other
-        fall = _criterion(best.end.point) - _criterion(other.end.point)
+        fall = criterion_with_noise(best.end.point) - criterion_with_noise(other.end.point)
         whole, other_whole = (one.end.status is Status.CONVERGED for one in (best, other))
         if whole == other_whole:
             return other if fall > 0.0 else best
@@ -148,14 +148,14 @@ class Turns:
         known = [one for one in ends if one is not None]
         if not known:
             return best
-        start = min(known, key=_criterion)
+        start = min(known, key=criterion_with_noise)
         begun = replace(best, end=replace(best.end, point=start), tried=())
         other = _alternate(self.question, begun, self.tinted, None)
         end = other.end.point
         left = output_rss(end) > MOST_LEFT * end.problem.power * end.counts
         if other.end.status is not Status.CONVERGED or np.any(left):
             return best
-        fall = _criterion(point) - _criterion(end)
+        fall = criterion_with_noise(point) - criterion_with_noise(end)
         least = CLEARLY if best.end.status is Status.CONVERGED else -CLEARLY
         return replace(other, tried=best.tried) if fall > least else best
 
@@ -310,10 +310,10 @@ def _is_near(poles: Complex, other: Complex) -> bool:
     return bool(np.all(np.abs(poles - other) <= ALIKE * np.abs(other)))
 
 
-def _criterion(point: Point) -> float:
+def criterion_with_noise(point: Point) -> float:
     """AICc with the model of the noise, so that ends under different ones compare."""
-    noise = point.problem.noise
     series = residual_series(point)
+    noise = point.problem.noise or (np.zeros(0),) * len(series)
     k = float(sum(a.size for a in noise) + point.problem.n_outputs)
     k += point.problem.n_coefficients + point.problem.n_nuisance
     found = sum(deviance(own, a) for own, a in zip(series, noise, strict=True))

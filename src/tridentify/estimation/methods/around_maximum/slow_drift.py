@@ -1,0 +1,127 @@
+"""A slow disturbance of the outputs: a polynomial in time, where the residual asks for one.
+
+Temperature, supply, sun and sensor move an output slowly and not because of the input. Left out,
+what they do is taken for slow poles, for free responses or for noise whose autoregression whitens
+the slow part of the response away as well. Over one record it is a smooth curve or not far from
+one, so a polynomial of low degree stands for it: estimated along with offset and initial state it
+costs a degree of freedom for each of its terms, and what it takes from the record is no more than
+what is slower than its wiggles. Where the curve is rough, as a random walk is, an autoregression
+serves better, and AICc, which counts the terms of both, says which of the two it is.
+
+It is looked for only where white weights leave a residual that is not white, and part of it slow:
+a right model in white noise has none to pay for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from tridentify.estimation.likelihood.cost import Point
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import at_rounding
+from tridentify.estimation.likelihood.noise.noise_model import TESTED, residual_series
+from tridentify.estimation.likelihood.question import Question
+from tridentify.estimation.likelihood.setup.nuisance import build_base
+from tridentify.estimation.likelihood.thresholds import CLEARLY
+from tridentify.estimation.methods.around_maximum.maximum import Maximum
+from tridentify.estimation.methods.around_maximum.turns import criterion_with_noise
+from tridentify.models.columns import drift_columns
+from tridentify.numerics.arrays import Array
+from tridentify.numerics.whiteness import is_white
+
+HIGHEST = 6
+"""Degree of a drift that is found: more wiggles are noise, or a response."""
+PER_DEGREE = 25
+"""Samples for each degree: with fewer a polynomial follows responses as well as drifts."""
+SLOW = 0.05
+"""Share of a residual's power that polynomials explain from which one is tried; white noise of 300
+samples leaves 0.02 of it."""
+
+BEYOND = 8.0
+"""Wiggles of a polynomial where noise that is none of its kind has its level: what wanders as a
+random walk is sixty-four times weaker there."""
+FALLS = 2.0
+"""Density of slow noise over that level from which a polynomial has left part of a wandering."""
+
+
+def drifting(question: Question, white: Maximum) -> Question | None:
+    """The same with a drift of some degree left open; None where nothing asks for it.
+
+    Parameters
+    ----------
+    question : Question
+    white : Maximum
+        Its end with white weights.
+    """
+    point = white.end.point
+    most = min(HIGHEST, int(point.counts.min()) // PER_DEGREE)
+    stated = question.structure.drift is not False or not all(
+        choice.offset for choice in question.choices[-1:]
+    )
+    if most < 1 or stated or at_rounding(point) or not _wanders(point, most):
+        return None
+    choices = tuple(
+        replace(choice, drift=degree)
+        for degree in range(most + 1)
+        for choice in question.choices
+        if choice.offset
+    )
+    base, variants = build_base(question.records, question.structure, choices)
+    if question.base.limits is not None:
+        base = base.delayed(question.base.delays).freed(question.base.limits)
+    return replace(question, choices=choices, base=base, variants=variants)
+
+
+def _wanders(point: Point, degree: int) -> bool:
+    """Whether the residual of an output is not white, and part of it slow."""
+    for series in residual_series(point, TESTED):
+        if is_white(series):
+            continue
+        slow, whole = 0.0, 0.0
+        for one in series:
+            seen = np.isfinite(one)
+            columns = drift_columns(np.linspace(0.0, 1.0, one.size), degree)
+            basis = np.linalg.qr(np.vstack([np.ones(one.size), columns]).T[seen])[0]
+            slow += float(np.sum((basis.T @ one[seen]) ** 2))
+            whole += float(one[seen] @ one[seen])
+        if slow > SLOW * whole:
+            return True
+    return False
+
+
+def is_drift(open_: Question, drifted: Maximum, plain: Maximum) -> bool:
+    """Whether an end with a drift explains the record clearly better, and with nothing rough left.
+
+    A polynomial follows a wandering disturbance, too, as far as its degree goes, and its terms then
+    pass for known where they are but the slowest part of a noise. So it must not be of the highest
+    degree tried, and the noise beside it no stronger up to a few of its own wiggles than beyond.
+
+    Parameters
+    ----------
+    open_ : Question
+        From `drifting`.
+    drifted : Maximum
+        Its end.
+    plain : Maximum
+        The end without a drift.
+    """
+    degree = drifted.end.nuisances.drift
+    if not 0 < degree < max(choice.drift for choice in open_.choices):
+        return False
+    point = drifted.end.point
+    longest = max(e.n_samples for e in point.problem.experiments)
+    if any(_is_rough(a, (degree + 1) / longest) for a in point.problem.noise if a.size):
+        return False
+    return criterion_with_noise(plain.end.point) - criterion_with_noise(point) > CLEARLY
+
+
+def _is_rough(a: Array, wiggles: float) -> bool:
+    """Whether the noise of an autoregression falls off beyond the wiggles of a polynomial.
+
+    ``wiggles``: its half waves over the samples.
+    """
+    angles = np.pi * wiggles * np.array([0.0, 1.0, 2.0, 4.0, BEYOND])
+    lags = np.exp(-1j * np.outer(angles, np.arange(a.size + 1)))
+    density = 1.0 / np.abs(lags @ np.append(1.0, a)) ** 2
+    return bool(density[:-1].max() > FALLS * density[-1])
