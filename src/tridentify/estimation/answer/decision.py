@@ -27,6 +27,7 @@ class DecisionKind(enum.Enum):
     NOISE_MODEL = "noise model"
     NOISE_LEVELS = "noise level of each experiment"
     INITIAL_STATE = "initial state"
+    SLOW_DRIFT = "a slow disturbance is estimated along as a polynomial in time"
     BETWEEN_DECIDES = "what the input does between its samples decides"
     RESTS_ON_HELD = "the input counts as held between its samples, as the record says"
     NO_END_TOGETHER = "plant and noise together come to no end"

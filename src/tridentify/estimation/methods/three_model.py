@@ -19,7 +19,8 @@ needs is decided by AICc among the choices that the structure leaves open.
 Where the record is short and noisy, the end is the mean over the posterior (`posterior.mean`).
 
 Where the residual is not white, the noise gets an autoregressive model and all steps are repeated
-on whitened samples (`likelihood.noise.noise_model`).
+on whitened samples (`likelihood.noise.noise_model`); part of it that is slow and smooth is a
+disturbance, estimated along as a polynomial in time.
 
 Where something is known of the coefficients, all this is the search; the end is the maximum of the
 likelihood (and of the priors) within the constraints (`knowledge`).
@@ -50,7 +51,7 @@ from tridentify.estimation.methods.around_maximum.levels import (
 from tridentify.estimation.methods.around_maximum.maximum import Maximum, Reached, maximum, nearby
 from tridentify.estimation.methods.around_maximum.noise import with_noise_model
 from tridentify.estimation.methods.around_maximum.robust import check_loss, robust_estimate
-from tridentify.estimation.methods.around_maximum.slow_drift import drifting, is_drift
+from tridentify.estimation.methods.around_maximum.slow_drift import drifting, smooth
 from tridentify.estimation.methods.base import Progress, check, check_count, check_tolerance
 from tridentify.estimation.methods.by_reference.controller_kind import Controller, check_controller
 from tridentify.estimation.methods.by_reference.reference import reference_estimate
@@ -96,7 +97,8 @@ class ThreeModel:
     noise : {"auto", "white", "ar"}
         What the measurement noise is taken for: white, of one level in all experiments;
         autoregressive; or what a test of the residual says. With the last two experiments of
-        different noise have levels of their own (`likelihood.noise.noise_levels`).
+        different noise have levels of their own (`likelihood.noise.noise_levels`), and with
+        "auto" a slow disturbance is estimated along (`around_maximum.slow_drift`).
     finish : {"auto", "likelihood", "posterior"}
         Where to end: on the likelihood's maximum, on the posterior mean, or on the latter where
         the record is too short and noisy for the former (`posterior.maximum_or_mean`).
@@ -277,14 +279,14 @@ class ThreeModel:
         ended = question.ended(white.end.point)
         best = with_noise_model(noise, ended, starts, white, in_loop=in_loop)
         # and again beside a drift, where a slow disturbance is left
-        open_ = drifting(question, white) if noise == "auto" and not in_loop else None
+        open_ = drifting(question, white) if noise == self.route == "auto" else None
         if open_ is not None:
             say("a slow disturbance")
             again = search(open_.held, self.starts, whitened_later=True, near=near)
             white = maximum(open_, again)
             ended = open_.ended(white.end.point)
-            drifted = with_noise_model(noise, ended, again, white)
-            if is_drift(open_, drifted, best):
+            drifted = smooth(open_, with_noise_model(noise, ended, again, white), best)
+            if drifted is not None:
                 best, starts = drifted, again
         told = Trace(_way(best, near is None), best.tried, best.decisions, best.end.why)
         reached = Reached.of(best.end, told, starts.scan, best.moved)

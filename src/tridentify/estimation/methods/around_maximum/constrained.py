@@ -6,6 +6,7 @@ Where bounds are all that is known and the free estimate lies within them, that 
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 
@@ -49,6 +50,10 @@ def within_constraints(
     seeds = Seeds((), (), Trace(()), forecast)
     if looked_at is not None:
         free = method.maximise(*looked_at, say)
+        if free.nuisances.drift and not asked.structure.drift:
+            # a slow disturbance that was found belongs to the record
+            structure = replace(asked.structure, drift=free.nuisances.drift)
+            asked = replace(asked, structure=structure)
         if known.only_bounds:
             ending = method.weighed(free, say)
             if _within_bounds(ending, asked):

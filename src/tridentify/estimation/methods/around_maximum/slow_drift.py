@@ -18,6 +18,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.likelihood.cost import Point
 from tridentify.estimation.likelihood.minimum.levenberg_marquardt import at_rounding
 from tridentify.estimation.likelihood.noise.noise_model import TESTED, residual_series
@@ -90,8 +91,8 @@ def _wanders(point: Point, degree: int) -> bool:
     return False
 
 
-def is_drift(open_: Question, drifted: Maximum, plain: Maximum) -> bool:
-    """Whether an end with a drift explains the record clearly better, and with nothing rough left.
+def smooth(open_: Question, drifted: Maximum, plain: Maximum) -> Maximum | None:
+    """The end with a drift if it explains the record clearly better, and leaves nothing rough.
 
     A polynomial follows a wandering disturbance, too, as far as its degree goes, and its terms then
     pass for known where they are but the slowest part of a noise. So it must not be of the highest
@@ -106,14 +107,17 @@ def is_drift(open_: Question, drifted: Maximum, plain: Maximum) -> bool:
     plain : Maximum
         The end without a drift.
     """
-    degree = drifted.end.nuisances.drift
+    degree, point = drifted.end.nuisances.drift, drifted.end.point
     if not 0 < degree < max(choice.drift for choice in open_.choices):
-        return False
-    point = drifted.end.point
+        return None
     longest = max(e.n_samples for e in point.problem.experiments)
     if any(_is_rough(a, (degree + 1) / longest) for a in point.problem.noise if a.size):
-        return False
-    return criterion_with_noise(plain.end.point) - criterion_with_noise(point) > CLEARLY
+        return None
+    gain = criterion_with_noise(plain.end.point) - criterion_with_noise(point)
+    if gain <= CLEARLY:
+        return None
+    words = f" (degree {degree}): AICc lower by {gain:.3g} than with noise alone"
+    return drifted.told(DecisionKind.SLOW_DRIFT.told(words))
 
 
 def _is_rough(a: Array, wiggles: float) -> bool:
