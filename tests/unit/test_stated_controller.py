@@ -25,7 +25,8 @@ LAWS = {
 def loop(name: str, sampled: bool, seed: int = 1, count: int = 200, noise: float = 0.02) -> Record:
     """Step by step on a fine grid, every step an exponential; ``u = -C (y + v) + r``.
 
-    The noise moves between the samples, and a sampled controller holds what it made of one.
+    The noise moves between the samples, and a sampled controller holds what it made of one. One
+    that is not is a computer with `FINE` steps a sample, so that ``a1`` is off as continuous, too.
     """
     a, b, c, _ = companion(*(UNSTABLE if name == "unstable" else STABLE))
     e, f, g, d = LAWS[name]
