@@ -131,11 +131,21 @@ def test_coarse_numbers_that_repeat_are_not_held():
     assert input_rule([coarse], 2) is not InputRule.HELD
 
 
-def test_uneven_time_missing_samples_and_few_of_them_tell_nothing():
+@pytest.mark.parametrize("seed", [7, *(pytest.param(k, marks=pytest.mark.slow) for k in (8, 9))])
+def test_missing_samples_leave_the_rule_where_enough_are_seen_with_their_past(seed):
+    lost = np.random.default_rng(seed).random(N)
+    rules = {}
+    for share in (0.05, 0.5):
+        for whole in (sampled(seed), continuous(seed)):
+            y = np.where(lost[:, None] < share, np.nan, whole.y)
+            rule = input_rule([recorded(whole.u, y, whole.reference)], 2)
+            rules.setdefault(share, []).append(rule)
+    assert rules[0.05] == [InputRule.SAMPLED, InputRule.NONE]
+    assert rules[0.5] == [InputRule.UNKNOWN, InputRule.UNKNOWN]
+
+
+def test_uneven_time_and_few_samples_tell_nothing():
     whole = sampled(7)
-    y = np.array(whole.y)
-    y[50] = np.nan
-    assert input_rule([recorded(whole.u, y, whole.reference)], 2) is InputRule.UNKNOWN
     few = tri.Record(whole.u[:60], whole.y[:60], dt=DT, reference=whole.reference[:60])
     assert input_rule([few], 2) is InputRule.UNKNOWN
     t = DT * np.arange(N) + 0.01 * np.random.default_rng(0).uniform(size=N)

@@ -25,7 +25,8 @@ LAWS = {
 def loop(name: str, sampled: bool, seed: int = 1, count: int = 200, noise: float = 0.02) -> Record:
     """Step by step on a fine grid, every step an exponential; ``u = -C (y + v) + r``.
 
-    The noise moves between the samples, and a sampled controller holds what it made of one.
+    The noise moves between the samples, and a sampled controller holds what it made of one. One
+    that is not is a computer with `FINE` steps a sample, so that ``a1`` is off as continuous, too.
     """
     a, b, c, _ = companion(*(UNSTABLE if name == "unstable" else STABLE))
     e, f, g, d = LAWS[name]
@@ -56,15 +57,16 @@ def said(name: str, sampled: bool, stated: str, **how):
     return told, np.max(np.abs(found.theta - truth) / found.std)
 
 
-SLOW = pytest.param("unstable", marks=pytest.mark.slow)
+UNSTABLE_ONES = [pytest.param("unstable", k, marks=pytest.mark.slow) for k in range(3, 9)]
 
 
-@pytest.mark.parametrize("name", ["stable", SLOW])
-def test_sampled_and_stated_as_continuous(name):
-    told, off = said(name, True, "continuous", seed=3)
-    assert off > 3.0
+@pytest.mark.parametrize(("name", "seed"), [("stable", 3), *UNSTABLE_ONES])
+def test_sampled_and_stated_as_continuous(name, seed):
+    """An answer beyond its intervals is an error; errors that allow for it leave a warning."""
+    told, off = said(name, True, "continuous", seed=seed)
     [one] = [one for one in told if "stated as continuous" in one.message]
-    assert one.severity == "error"
+    assert one.severity == ("error" if off > 3.0 else "warning")
+    assert off > 3.0 or name == "unstable"
     assert "standard errors" in one.effect
     assert "sampled" in one.remedy
 

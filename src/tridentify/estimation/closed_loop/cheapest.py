@@ -1,8 +1,9 @@
 """How many operators describe signals best for their number: AICc over nested columns.
 
 One triangle serves all numbers: what the first ``k`` columns explain is the sum of the first ``k``
-squares of ``Q' s``. The residual of each signal counts as white, or as an autoregression that is
-given, by which columns and signal are whitened alike.
+squares of ``Q' s``, the last column of the triangle of columns and signal. The residual of each
+signal counts as white, or as an autoregression that is given, by which columns and signal are
+whitened alike.
 """
 
 from __future__ import annotations
@@ -50,27 +51,17 @@ def cheapest(
     norms = np.linalg.norm(ordered, axis=0)
     ordered = ordered / np.where(norms > 0, norms, 1.0)
     counts, total = lead + n_references * np.arange(each, most + 1, each), np.zeros(most // each)
-    factors = np.linalg.qr(ordered) if colours is None else None
     for k, signal in enumerate(signals.T):
-        seen, table = np.isfinite(signal), ordered
+        seen = np.isfinite(signal)
         n = float(seen.sum())
-        if colours is not None:
-            pair = whiten_columns([np.column_stack([ordered, signal])], [seen], colours[k])
-            table, signal = pair[:, :-1], pair[:, -1]
-        q, r = factors or np.linalg.qr(table)
+        colour = np.zeros(0) if colours is None else colours[k]
+        table = whiten_columns([np.column_stack([ordered, signal])], [seen], colour)
+        r = np.asarray(np.linalg.qr(table, mode="r"))[: ordered.shape[1]]
         sound = np.abs(np.diag(r)) > TOLD_APART
-        if np.isfinite(signal).all():
-            spent = np.cumsum(np.where(sound, q.T @ signal, 0.0) ** 2)
-            rest = np.maximum(signal @ signal - spent[counts - 1], 0.0)
-        else:
-            rest = np.array([_rest(ordered[seen, :k], signal[seen]) for k in counts])
-        floor = 1e-20 * float(np.nansum(signal**2)) + 1e-300
+        spent = np.cumsum(np.where(sound, r[:, -1], 0.0) ** 2)
+        whole = float(table[:, -1] @ table[:, -1])
+        rest, floor = np.maximum(whole - spent[counts - 1], 0.0), 1e-20 * whole + 1e-300
         price = 2.0 * counts * n / np.maximum(n - counts - 2.0, 1.0)
         total += n * np.log((rest + floor) / n) + price
     best = int(np.argmin(total))
     return float(total[best]), (best + 1) * each
-
-
-def _rest(columns: Array, signal: Array) -> float:
-    left = signal - columns @ np.linalg.lstsq(columns, signal, rcond=None)[0]
-    return float(left @ left)

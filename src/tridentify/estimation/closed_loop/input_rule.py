@@ -41,7 +41,7 @@ from enum import Enum
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from tridentify.numerics.arrays import Array, Indices
+from tridentify.numerics.arrays import Array, Flags, Indices
 from tridentify.record.record import Record
 
 LAGS = 6
@@ -113,8 +113,8 @@ def input_rule(records: Sequence[Record], poles: int) -> InputRule:
     Returns
     -------
     InputRule
-        ``UNKNOWN`` on uneven time, with missing samples, where rounding is coarse, and where
-        records or inputs say different things.
+        ``UNKNOWN`` on uneven time, where too few samples are recorded with all that is behind
+        them, where rounding is coarse, and where records or inputs say different things.
 
     Examples
     --------
@@ -167,10 +167,11 @@ def _rule(record: Record, j: int, few: int) -> InputRule:
     """Of one input of one record."""
     u, y, reference = (np.asarray(one) for one in (record.u, record.y, record.reference))
     signals = np.hstack([y, reference])
-    if record.dt is None or not np.isfinite(signals).all() or len(u) <= LAGS:
+    if record.dt is None or len(u) <= LAGS:
         return InputRule.UNKNOWN
     width = 1 + signals.shape[1] * (1 + LAGS) + u.shape[1] * LAGS
-    free, size = _free(u[:, j]), float(np.std(u[:, j]))
+    free = _free(u[:, j], np.isfinite(signals).all(axis=1))
+    size = float(np.std(u[:, j]))
     if free.size < FEWEST_EACH * width or not size > 0:
         return InputRule.UNKNOWN
     some = free[np.unique(np.linspace(0, free.size - 1, MOST_EACH * width).astype(int))]
@@ -267,14 +268,14 @@ def _holds(
     return None if float(np.median(left)) < HIDDEN * rounding else False, usual
 
 
-def _free(u: Array) -> Indices:
-    """Samples at which an input and its past are off the values that it stays at: its limits.
+def _free(u: Array, seen: Flags) -> Indices:
+    """Samples that are seen with their past, the input off the values that it stays at: its limits.
 
     Only the extremes count, and where they stand twice in a row.
     """
     stays = np.append(False, np.diff(u) == 0.0)
     limits = [value for value in (u.min(), u.max()) if np.any(stays & (u == value))]
-    away = ~np.isin(u, limits)
+    away = seen & ~np.isin(u, limits)
     past = sliding_window_view(away, LAGS + 1).all(axis=1)
     return np.asarray(LAGS + np.flatnonzero(past))
 
@@ -288,7 +289,7 @@ def _lagged(signals: Array, some: Indices, lags: range) -> Array:
 def _resolution(signals: Array, *, converted: bool = True) -> Array:
     """Smallest step that the numbers of each signal show: of decimals, floats, or a converter."""
     found = []
-    for one in signals.T:
+    for one in (signal[np.isfinite(signal)] for signal in signals.T):
         values, step = np.unique(one), float(np.finfo(float).eps * np.abs(one).max())
         if values.size >= FEWEST_VALUES:
             digits = (d for d in range(MOST_DIGITS) if np.array_equal(one.round(d), one))

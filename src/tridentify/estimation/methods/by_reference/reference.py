@@ -169,25 +169,12 @@ def reference_estimate(
     if known is None and (begun := with_start(list(asked.records))) != list(asked.records):
         asked = replace(asked, records=tuple(begun))
         parts = [driven(record, between=kind == "continuous") for record in begun]
-    if not loop and not only_stable and (coloured is not None or not robust):
-        unstable = unstable_estimate(parts, kind, asked, coloured is not None, say)
-        if unstable is not None:
-            taken = of_integrator(taken, unstable.estimate, asked.records)
-        if unstable is not None and not taken.certain:
-            unstable = of_either_kind(unstable, taken, asked, coloured is not None, say)
-        elif unstable is not None:
-            unstable = not_stable_as_stated(
-                unstable, parts, taken, asked, coloured is not None, say
-            )
-        if unstable is not None:
-            again = partial(reference_estimate, asked, controller, plain, near, coloured, say)
-            return _or_stable(unstable, partial(again, robust=robust, only_stable=True))
     if not loop and not only_stable:
         again = partial(reference_estimate, asked, controller, plain, near, coloured, say)
         among = partial(again, robust=robust, only_stable=True)
-        other = refuse_not_stable(asked, kind, robust, among, say)
-        if other is not None:
-            return other
+        ended = _not_stable(parts, taken, asked, coloured is not None, robust, among, kind, say)
+        if ended is not None:
+            return ended
     found = _white(parts, kind, asked.structure, plain, near, say, again=known is None)
     taken = of_integrator(taken, found.estimate, asked.records)
     told, how = f"controller taken as {IN_WORDS[kind]}{taken.why}", rule
@@ -212,18 +199,52 @@ def reference_estimate(
     findings += findings_as_stated(found, taken, partial(_other, found, asked.structure, near, say))
     if coloured is not None:
         found = _with_noise_model(found, asked.structure, coloured, say)
-    found, wider = with_returned_errors(found)
-    found = with_fall(found)
-    told = f"{told}; {wider}" if wider else told
-    found, far = _reaching(found, moves_between(found))
-    told = f"{told}; {BETWEEN} {far:.1f} times as large" if far > NOTABLE else told
-    findings = (*findings, *_hanging(far))
-    found = found if moved is None else _reaching(found, (moved,))[0]
+    found, wider, hanging = _with_all_errors(found, moved)
+    told, findings = "; ".join((told, *wider)), (*findings, *hanging)
     if known is not None:
         given = by_likelihood(found, how, coloured is not None, say)
         told = told if how is not None and not how.explains else given.told
         found, findings = given.rooted, (*findings, *given.findings)
     return completed(asked, found, told, findings=(*loop, *findings))
+
+
+def _not_stable(
+    parts: Sequence[Driven],
+    taken: Assumed,
+    asked: Request,
+    coloured: bool,
+    robust: bool,
+    stable: Callable[[], Estimate],
+    kind: Sampling,
+    say: Callable[[str], None],
+) -> Estimate | None:
+    """What ends the question where the plant may not be stable; None where it is stable."""
+    if coloured or not robust:
+        found = unstable_estimate(parts, kind, asked, coloured, say)
+        if found is not None:
+            taken = of_integrator(taken, found.estimate, asked.records)
+            if taken.certain:
+                found = not_stable_as_stated(found, parts, taken, asked, coloured, say)
+            else:
+                found = of_either_kind(found, taken, asked, coloured, say)
+            return _or_stable(found, stable)
+    return refuse_not_stable(asked, kind, robust, stable, say)
+
+
+def _with_all_errors(
+    found: Rooted, moved: Array | None
+) -> tuple[Rooted, Sequence[str], tuple[Finding, ...]]:
+    """With errors that allow for what comes back and what is not known; what is told, and said.
+
+    ``moved`` is how far the kind of the controller may have moved the coefficients.
+    """
+    found, wider = with_returned_errors(found)
+    found = with_fall(found)
+    found, far = _reaching(found, moves_between(found))
+    words = [wider] if wider else []
+    words += [f"{BETWEEN} {far:.1f} times as large"] if far > NOTABLE else []
+    found = found if moved is None else _reaching(found, (moved,))[0]
+    return found, words, _hanging(far)
 
 
 def _hanging(far: float) -> tuple[Finding, ...]:
