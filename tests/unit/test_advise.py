@@ -352,3 +352,16 @@ def test_slow_disturbances_are_told_where_they_are():
             told, wrong = told + (drifts and size > 0.5), wrong + (drifts and size < 0.5)
     assert told >= 7
     assert wrong == 0
+
+
+@pytest.mark.slow
+def test_what_a_heading_sums_up_is_no_drift():
+    """A rudder, a feed pump or a drive, held at steps, and the angle or the level it makes."""
+    system, wrong = TransferFunction([1.0], [1.0, 0.9, 0.0]), 0
+    for seed in range(6):
+        rng = np.random.default_rng([seed, 7])
+        u = np.repeat(rng.uniform(-1.0, 1.0, N // 14 + 1), 14)[:N]
+        summed = simulate(system, Record(u, u, dt=DT))[:, 0]
+        y = summed + 0.02 * np.std(summed) * rng.standard_normal(N)
+        wrong += "drift" in codes(advise(Record(u, y, dt=DT)))
+    assert wrong <= 1

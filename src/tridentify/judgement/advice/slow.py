@@ -6,6 +6,8 @@ response. So each side is given the noise that it is likeliest with before they 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from tridentify.judgement.advice.outputs import Output, likelier, unlikelihood
@@ -15,22 +17,44 @@ from tridentify.judgement.cautions.residual import MEMORIES, memory
 SLOWLY = 0.05
 """Standard deviation of a slow disturbance, in that of the output, from which it is told."""
 
+DRIFTS = 10.0
+"""Fall of AICc from which a drift is told (odds of 150 to 1)."""
 
-def drift_seen(output: Output) -> float:
-    """Fall of the criterion that a straight drift brings.
+
+def slow_seen(output: Output) -> tuple[float, bool]:
+    """Fall of the criterion that a straight drift brings, and whether a slow disturbance is left.
+
+    What operators at one rate leave of a level or a heading goes on for as long as it does and is
+    no disturbance: before any is told, an integrator is tried beside them. A drift that explains
+    the record no better than that is none.
 
     Parameters
     ----------
     output : Output
     """
+    level, ramp = _criteria(output)
+    fall, wandering = level - ramp, wanders(output)
+    if fall <= DRIFTS and not wandering:
+        return fall, False
+    end = likelier(output.parallel.changed(integrator=True, noise=np.zeros(0)))
+    summed = replace(output, parallel=end[0], fit=end[1])
+    own, with_ramp = _criteria(summed)
+    if own < ramp:
+        fall = own - with_ramp
+    return fall, wandering and (own > level or wanders(summed))
+
+
+def _criteria(output: Output) -> tuple[float, float]:
+    """Without a drift, and with one."""
     straight = output.parallel.changed(drift=True, noise=np.zeros(0))
     drifting, ramped = likelier(straight)
+    ramp = unlikelihood(drifting, ramped)
     level = unlikelihood(output.parallel, output.fit)
-    if level > unlikelihood(drifting, ramped):
+    if level > ramp:
         # the search for the noise ends where it ends: that of the other side is tried as well
         same = output.parallel.changed(noise=drifting.noise)
         level = min(level, unlikelihood(same, same.best()))
-    return level - unlikelihood(drifting, ramped)
+    return level, ramp
 
 
 def wanders(output: Output) -> bool:

@@ -19,7 +19,7 @@ from tridentify.judgement.advice.outputs import NO_RESPONSE, Output, glance, loo
 from tridentify.judgement.advice.result import Advice
 from tridentify.judgement.advice.samples import bad_samples, gaps, hung, lost_rows, single_tone
 from tridentify.judgement.advice.seen import DelaySeen, behaviours_seen, delay_seen, feedback_seen
-from tridentify.judgement.advice.slow import drift_seen, wanders
+from tridentify.judgement.advice.slow import DRIFTS, slow_seen
 from tridentify.judgement.causes.attempts.first_samples import beginning
 from tridentify.judgement.causes.attempts.intersample import AUTO, CLEARLY, IN_WORDS, needed_fall
 from tridentify.judgement.causes.past_outputs import told_by_past, told_finding
@@ -52,9 +52,6 @@ UNDERFLOW = 1e-12
 
 LATE = 12.0
 """Fall of ``-2 log L`` from which a delay is told (odds of 400 to 1)."""
-
-DRIFTS = 10.0
-"""Fall of AICc from which a drift is told (odds of 150 to 1)."""
 
 SAME_TONE = 1.1
 """Highest over lowest tone of several records that count as one."""
@@ -379,10 +376,10 @@ def _of_noise(records: Sequence[Record], output: Output) -> list[Finding]:
     told = told_by_past(records)[output.index] if record.reference is None else None
     if told is not None:
         return [told_finding(told, record.input_names, name)]
-    fall = drift_seen(output)
+    fall, wandering = slow_seen(output)
     # an autoregression stands on even time alone
     noise_model = "Use a noise model (noise='ar')" if record.dt else "Resample to even time"
-    if fall <= DRIFTS and wanders(output):
+    if fall <= DRIFTS and wandering:
         found.append(
             Finding(
                 "drift",

@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from tridentify.errors import TridentifyError
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding, ranked
 from tridentify.judgement.causes.attempts.feedback import Coming
 from tridentify.judgement.causes.attempts.told_apart import answers_at_once
@@ -33,6 +35,7 @@ from tridentify.judgement.validation.result import Check, CrossCorrelation, Tran
 from tridentify.judgement.validation.statistics.evidence import Evidence
 from tridentify.judgement.validation.statistics.likelihood_ratio import CALLED
 from tridentify.judgement.validation.statistics.rounding import beyond_steps
+from tridentify.models.simulate import simulate
 
 
 def family(
@@ -63,6 +66,11 @@ def family(
 
 NO_CONTROLLER = "if no controller was running, ask for as many zeros as poles. If one was,"
 """What to do where the output follows the input at once, before what to do about feedback."""
+
+
+DRAWN = 0.3
+"""Of the residual, what two ways to draw an input between its samples make differently: from here
+on it explains what is left. Inputs that were sampled fast enough make less than a tenth."""
 
 
 CALLING = ("past inputs", "level", "coefficients constant", "linear")
@@ -114,7 +122,7 @@ def findings(
                 # this model stays, and its standard errors do not allow for what is left
                 left |= {key: p for key, p in rejected.items() if key == ("white", name)}
         elif ("past inputs", name) in rejected:
-            found.append(_unexplained(one, own, beside))
+            found.append(_unexplained(i, own, beside))
         reacts = None if beside.explained is None else beside.explained.reacts[i]
         found += _about_one(one, name, left, own, beside, reacts)
     if concerned and beside.named is not None and beside.explained is not None:
@@ -192,14 +200,25 @@ def _around(picture: CrossCorrelation, past: bool) -> tuple[float, float]:
     return (first, last) if past else (-last, -first)
 
 
-def _unexplained(
-    one: Evidence, pictures: Sequence[CrossCorrelation], beside: KnownCauses
-) -> Finding:
-    """A response that is missing, by no cause that was tried."""
+def _unexplained(i: int, pictures: Sequence[CrossCorrelation], beside: KnownCauses) -> Finding:
+    """A response of an output that is missing, by no cause that was tried."""
+    one = beside.evidence[i]
     name = pictures[0].output
     j = int(np.argmin(one.by_input))
     low, high = _around(pictures[j], True)
     where = _where(one, pictures, ("past inputs",))
+    drawn = _drawn_between(beside.view, beside.estimate, i)
+    if drawn > DRAWN:
+        return one_finding(
+            "intersample",
+            name,
+            f"{where}: the input moves faster than it was sampled, so that nothing tells what it "
+            "does between its samples",
+            "record the input faster, or through a filter that lets nothing pass above half the "
+            "sampling rate; the standard errors do not allow for it",
+            effect=f"joined by lines and band-limited inputs, which no sample tells apart, make "
+            f"responses that differ by {100.0 * drawn:.0f} % of what is left",
+        )
     if low == high == 0.0:
         # a strictly proper response begins later: neither poles nor a delay make this
         return one_finding(
@@ -218,6 +237,30 @@ def _unexplained(
         "check that the input is what acted on the system, and look for inputs that were not "
         "recorded; the standard errors do not allow for what is missing",
     )
+
+
+def _drawn_between(view: View, estimate: Estimate, output: int) -> float:
+    """How an input is drawn between its samples, in the response, over what is left of an output.
+
+    A band-limited input is known from its samples, and lines come close to it; of one that was
+    sampled too slowly neither is right, and both are wrong by about as much as they differ.
+    """
+    if any(record.dt is None or record.behaviour == "zoh" for record in view.records):
+        return 0.0
+    try:
+        lines, smooth = (
+            [
+                simulate(estimate.model, record._derive(u=record.u - record.u[0], intersample=way))
+                for record in view.records
+            ]
+            for way in ("foh", "band-limited")
+        )
+    except TridentifyError:  # too few samples, or a model that grows out of a float
+        return 0.0
+    apart = np.concatenate(
+        [a[:, output] - b[:, output] for a, b in zip(lines, smooth, strict=True)]
+    )
+    return float(np.std(apart) / np.nanstd(np.concatenate(view.outputs[output].residual)))
 
 
 def _about_one(

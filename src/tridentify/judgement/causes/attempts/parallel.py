@@ -33,6 +33,9 @@ RATES = 9
 SLOWEST, FASTEST = 3.0, 0.35
 """The first rate times the duration, and the last times the sampling interval."""
 
+ENDLESS = 1e-3
+"""Rate, times the duration, of an operator that is an integrator over the record."""
+
 ORDERS = (1, 2, 3, 4, 6, 8)
 """Numbers of operators."""
 
@@ -118,6 +121,8 @@ class Parallel:
         Where the response is largest [rad/s]; 0 where that is not known.
     direct : bool
         Whether the inputs themselves stand beside the operators, which have no direct part.
+    integrator : bool
+        Whether the inputs through an integrator stand beside the operators, which are stable.
     """
 
     records: tuple[Record, ...]
@@ -128,6 +133,7 @@ class Parallel:
     left: float = 0.0
     resonance: float = 0.0
     direct: bool = False
+    integrator: bool = False
     _columns: dict[object, Array] = field(default_factory=dict)
 
     @classmethod
@@ -183,8 +189,8 @@ class Parallel:
             before, after = sum(widths[:e]), sum(widths[e + 1 :])
             own = np.hstack([np.zeros((n, before)), own, np.zeros((n, after))])
             added = extra[e] if extra else np.zeros((n, 0))
-            at_once = self._at_once(e)
-            whole = np.hstack([own, added, at_once, operators.reshape(n, -1)])
+            beside = np.hstack([self._at_once(e), self._summed(e)])
+            whole = np.hstack([own, added, beside, operators.reshape(n, -1)])
             y, seen = self.target(e)
             whitener = Whitener(self.noise, whole.shape[1] + 1)
             joined = np.ascontiguousarray(np.column_stack([whole, y]).T)
@@ -193,7 +199,7 @@ class Parallel:
             rows.append(white[seen, :-1])
             targets.append(white[seen, -1])
             plain.append(whole)
-        first = sum(widths) + (extra[0].shape[1] if extra else 0) + at_once.shape[1]
+        first = sum(widths) + (extra[0].shape[1] if extra else 0) + beside.shape[1]
         return [
             self._solved(rows, targets, plain, first + n_inputs * order, scale, pole, order)
             for order in orders
@@ -256,6 +262,14 @@ class Parallel:
         pairs = zip(self.delays, moved.T, strict=True)
         return np.column_stack([np.interp(since - late, since, one) for late, one in pairs])
 
+    def _summed(self, e: int) -> Array:
+        """(n_samples, k) the inputs through an integrator, which has no level to rest at."""
+        record = self.records[e]
+        if not self.integrator:
+            return np.zeros((record.n_samples, 0))
+        endless = Laguerre(ENDLESS / record.duration, 1)
+        return apply_operators(endless, _inputs(record, 0.0))[:, :, 0]
+
     def record_columns(self, e: int, pole: complex, order: int) -> tuple[Array, Array]:
         """Columns of one record's own, (n, k), and its operators, (n, order, n_inputs).
 
@@ -274,13 +288,7 @@ class Parallel:
         known = self._columns.get(key)
         if known is None or known.shape[1] < order:
             bank = Kautz(pole, (order + 1) // 2) if pole.imag else Laguerre(-pole.real, order)
-            moved = Record(
-                record.u - record.u[0],
-                np.zeros(record.n_samples),
-                **({"t": since} if record.dt is None else {"dt": record.dt}),
-                intersample=record.behaviour,
-            )
-            known = apply_operators(bank, moved).transpose(0, 2, 1)
+            known = apply_operators(bank, _inputs(record, record.u[0])).transpose(0, 2, 1)
             self._columns[key] = known
         operators = known[:, :order].copy()
         for j, delay in enumerate(self.delays):
@@ -291,6 +299,16 @@ class Parallel:
         if self.drift:
             own.append(since / since[-1] - 0.5)
         return np.column_stack(own), operators
+
+
+def _inputs(record: Record, level: Array | float) -> Record:
+    """The inputs about a level, and no output."""
+    return Record(
+        record.u - level,
+        np.zeros(record.n_samples),
+        **({"t": record.t - record.t[0]} if record.dt is None else {"dt": record.dt}),
+        intersample=record.behaviour,
+    )
 
 
 def _beginnings(late: Array, pole: complex) -> list[Array]:
