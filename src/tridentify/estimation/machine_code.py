@@ -3,7 +3,7 @@
 The first time on a machine they are compiled, which takes seconds; whoever shows progress, or
 starts several processes, does that beforehand. The compiler works on one function at a time and
 keeps what it made on disk, so that where nothing is there yet another process compiles half of
-them meanwhile.
+them meanwhile: first what neither needs of the other, then what is made of both.
 """
 
 from __future__ import annotations
@@ -16,20 +16,23 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from types import ModuleType
 
-FIRST_BESIDE = (
-    "tridentify.estimation.likelihood.compiled.scatter",
+BESIDE = (
     "tridentify.models.compiled_whitening",
     "tridentify.models.compiled_regression",
+    "tridentify.estimation.likelihood.compiled.roots",
+    "tridentify.estimation.likelihood.compiled.scatter",
     "tridentify.numerics.kernels.added_columns",
 )
-"""What the other process compiles of `load_first`: half of it, and of no use to the rest."""
-BESIDE = (
-    *FIRST_BESIDE,
+"""What another process compiles of `load_first` while this one comes to the cost, which needs none
+of it; the fit needs both."""
+THEN_BESIDE = ("tridentify.estimation.search.compiled_reduction",)
+"""What another one compiles, as long, while this one makes the fit and what is made of it."""
+OTHERS_BESIDE = (
     "tridentify.estimation.posterior.compiled_triangles",
     "tridentify.numerics.kernels.crossing",
     "tridentify.numerics.kernels.long_recursions",
 )
-"""The same of all."""
+"""The same of what only some fits need."""
 
 
 @cache
@@ -58,7 +61,8 @@ def load_first(
     say("filters")
     from tridentify.numerics.kernels import recursions
 
-    with _beside(BESIDE if and_all else FIRST_BESIDE, _is_new(recursions)):
+    new = _is_new(recursions)
+    with _beside(BESIDE, new):
         from tridentify.numerics.kernels import polynomials, small_least_squares
 
         say("models")
@@ -70,27 +74,24 @@ def load_first(
         if and_all:
             from tridentify.numerics import incomplete_kernels  # noqa: F401
         say("banks")
-    from tridentify.estimation.likelihood.compiled import curvature as compiled_curvature
-    from tridentify.estimation.likelihood.compiled import fit as compiled_fit
+    with _beside((*THEN_BESIDE, *(OTHERS_BESIDE if and_all else ())), new):
+        from tridentify.estimation.likelihood.compiled import fit as compiled_fit
+
+        say("starts")
+        from tridentify.estimation.likelihood.compiled import curvature as compiled_curvature
+        from tridentify.estimation.search import compiled_passes, compiled_starts
+        from tridentify.numerics.kernels import hats, robust_fit
+
     from tridentify.estimation.likelihood.compiled import roots as compiled_roots
     from tridentify.estimation.likelihood.compiled import scatter as compiled_scatter
+    from tridentify.estimation.search import compiled_beginning, compiled_reduction
     from tridentify.models import compiled_regression, compiled_whitening
     from tridentify.numerics.kernels import (
         added_columns,
         cascades,
         exponentials,
-        hats,
-        robust_fit,
         small_eigenvalues,
         triangles,
-    )
-
-    say("starts")
-    from tridentify.estimation.search import (
-        compiled_beginning,
-        compiled_passes,
-        compiled_reduction,
-        compiled_starts,
     )
 
     small = polynomials, small_least_squares, small_eigenvalues

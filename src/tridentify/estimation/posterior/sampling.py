@@ -30,6 +30,9 @@ WIDEST = 1.0
 e."""
 NARROWEST = 1e-4
 """The smallest: keeps the kernels regular where all weight is on one draw."""
+LOCAL = 0.9
+"""Share of a round's draws from its kernels; the others are from the first proposal, which covers
+what no round has found."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,33 +221,36 @@ def sample(
     -------
     WeightedDraws
     """
-    proposals: list[ProposalMixture] = [first]
-    densities: list[list[Array]] = []  # of every proposal, for the draws of every round
+    proposal = first
+    sources: list[Proposal] = [first]
+    densities: list[list[Array]] = [[]]  # of every source, for the draws of every round
     taken: list[int] = []
     points = np.empty((0, 0))
     logs = np.empty(0)
     weights = np.empty(0)
     effective = 0.0
     for goal in goals:
-        drawn = proposals[-1].draw(count, generator)
+        drawn = proposal.draw(count, generator)
         value = density(drawn)
-        value = np.where(np.isfinite(value), value, -np.inf)
-        points = drawn if not taken else np.concatenate([points, drawn])
-        logs = np.concatenate([logs, value])
-        for proposal, known in zip(proposals, densities, strict=False):
-            known.append(proposal.log_density(drawn))
-        densities.append([proposals[-1].log_density(points)])
+        points = np.concatenate([points, drawn]) if taken else drawn
+        logs = np.concatenate([logs, np.where(np.isfinite(value), value, -np.inf)])
+        for source, known in zip(sources, densities, strict=True):
+            known.append(source.log_density(drawn))
         taken.append(drawn.shape[0])
-        shares = np.log(np.array(taken) / sum(taken))
+        shares = LOCAL * np.array(taken) / sum(taken)
+        shares[0] += 1.0 - LOCAL
         mixed = np.logaddexp.reduce(
-            [np.concatenate(own) + s for own, s in zip(densities, shares, strict=True)], axis=0
+            [np.concatenate(own) + s for own, s in zip(densities, np.log(shares), strict=True)],
+            axis=0,
         )
         weights = normalised(logs - mixed)
         effective = effective_size(weights) if np.isfinite(logs).any() else 0.0
         if effective >= goal or len(taken) == len(goals):
             break
         local = _adapted(points, logs - mixed, generator)
-        proposals.append(ProposalMixture((local, first), (0.9, 0.1)))
+        proposal = ProposalMixture((local, first), (LOCAL, 1.0 - LOCAL))
+        sources.append(local)
+        densities.append([local.log_density(points)])
     return WeightedDraws(points, weights, effective)
 
 

@@ -104,7 +104,8 @@ def ranked(
             seen, which, targets, frees[v : v + 1], columns, biproper, n_inputs, q, most, fewest,
             leading, scales[0], scales[1], prices[v : v + 1],
         )  # fmt: skip
-        orders[:, v], criteria[:, v] = some[:, 0], of_each[:, 0]
+        for k in range(len(b)):
+            orders[k, v], criteria[k, v] = some[k, 0], of_each[k, 0]
     return a, b, stack, targets, orders, criteria
 
 

@@ -68,7 +68,8 @@ def adapted(
     for k in range(most):
         bank, stack, targets, columns, linear = fit_there(charts, shape, poles, REPEATS)
         a, b, basis, _, maps = bank
-        visited[k] = poles
+        for i in range(poles.size):
+            visited[k, i] = poles[i]
         objectives[k] = weigh_outputs(linear[3], counts, floors, weights)
         gain, is_exact = state[0] - objectives[k], True
         for i in range(counts.size):

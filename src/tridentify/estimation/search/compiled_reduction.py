@@ -255,7 +255,8 @@ def second_step(
                     for d in range(m):
                         moved[c, d] -= drives[count][c] * row[d]
                 own = eigenvalues(moved)
-            found[done : done + n] = own
+            for c in range(n):
+                found[done + c] = own[c]
             done += n
         at += m
     return found[:done].copy()

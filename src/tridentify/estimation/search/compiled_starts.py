@@ -38,11 +38,18 @@ def triangles_on(charts: Any, shape: Any, a: Array, b: Array) -> tuple[Array, Ar
     stack : (n_banks, n_triangles, r, n_columns) array
     targets : (n_banks, n_experiments, n_outputs, r) array
     """
-    first, own = triangles_there(charts, shape, a[0], b[0])
-    stack, targets = np.empty((len(b), *first.shape)), np.empty((len(b), *own.shape))
-    stack[0], targets[0] = first, own
-    for k in range(1, len(b)):
-        stack[k], targets[k] = triangles_there(charts, shape, a[k], b[k])
+    some, own = triangles_there(charts, shape, a[0], b[0])
+    stack, targets = np.empty((len(b), *some.shape)), np.empty((len(b), *own.shape))
+    for k in range(len(b)):
+        if k > 0:
+            some, own = triangles_there(charts, shape, a[k], b[k])
+        for t in range(some.shape[1]):
+            for e in range(some.shape[0]):
+                for c in range(some.shape[2]):
+                    stack[k, e, t, c] = some[e, t, c]
+            for e in range(own.shape[0]):
+                for i in range(own.shape[1]):
+                    targets[k, e, i, t] = own[e, i, t]
     return stack, targets
 
 

@@ -298,15 +298,16 @@ def _gains(
     table, target = table[seen], target[seen]
     sizes = np.linalg.norm(table, axis=0)
     table /= np.where(sizes > 0.0, sizes, 1.0)
-    alone, fewer = _unexplained(table[:, : order + 1], target)
-    n_inputs = inputs[0].shape[1]
+    # what is left of a target by any of the columns is left of its triangle
+    triangle = np.asarray(np.linalg.qr(np.column_stack([table, target]), mode="r"))
+    own, n_inputs = range(order + 1), inputs[0].shape[1]
+    alone, fewer = _unexplained(triangle, own)
     for window in windows:
-        first = order + 1 + window[0] * n_inputs
-        given = table[:, first : first + len(window) * n_inputs]
-        part = np.column_stack([table[:, : order + 1], given])
-        if target.size < 2 * part.shape[1]:
+        first, last = (order + 1 + k * n_inputs for k in (window[0], window[-1] + 1))
+        columns = [*own, *range(first, min(last, table.shape[1]))]
+        if target.size < 2 * len(columns):
             continue
-        whole, more = _unexplained(part, target)
+        whole, more = _unexplained(triangle, columns)
         if not (more > fewer and whole > 0.0):
             continue
         gain = target.size * float(np.log(alone / whole))
@@ -315,8 +316,9 @@ def _gains(
     return False
 
 
-def _unexplained(table: Array, target: Array) -> tuple[float, int]:
-    """What least squares leave of a target, and the rank of the table."""
+def _unexplained(triangle: Array, columns: Sequence[int]) -> tuple[float, int]:
+    """What least squares on some columns leave of the last one, and their rank."""
+    table, target = triangle[:, columns], triangle[:, -1]
     found, _, rank, _ = np.linalg.lstsq(table, target, rcond=1e-10)
     return float(np.sum((target - table @ found) ** 2)), int(rank)
 
