@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Status, Structure, ThreeModel, TransferFunction, identify, simulate
-from tridentify.estimation.posterior import mean
+from tridentify.estimation.posterior import first_draws, mean
 
 DT = 0.1
 
@@ -74,3 +74,39 @@ def test_a_resonance_that_rings_along_with_loud_noise_is_not_believed(seed):
     estimate = identify(Record(u, y, dt=0.05), asked, throw=False)
     assert estimate.status is Status.POSTERIOR_MEAN
     assert np.all(np.abs(estimate.theta - [1.0, 3.0, 0.5]) < 12.0 * estimate.std)
+
+
+def test_of_three_real_poles_any_two_may_be_elsewhere():
+    poles = np.array([-0.03 + 0j, -0.3 + 0j, -1.0 + 0j])
+    freed = {tuple(np.flatnonzero(one)) for one in first_draws._sections(poles)}
+    assert freed == {(0, 1), (0, 2), (1, 2), (0,), (1,), (2,)}
+    ringing = np.array([-1.0 + 2j, -1.0 - 2j, -1.0 + 2j, -1.0 - 2j])
+    assert all(one.sum() == 2 for one in first_draws._sections(ringing))
+
+
+def scatter(record, poles, monkeypatch, seeds):
+    """Of the answer with the seed of the draws, in stated errors."""
+    answers = []
+    for seed in range(seeds):
+        monkeypatch.setattr(mean, "SEED", [1201, seed])
+        answers.append(found(record, poles))
+    std = np.median([one.std for one in answers], axis=0)
+    return float(np.max(np.std([one.theta for one in answers], axis=0, ddof=1) / std))
+
+
+@pytest.mark.slow
+def test_the_answer_does_not_hang_on_the_seed_of_the_draws(monkeypatch):
+    scattered = [scatter(drawn(seed), 3, monkeypatch, 5) for seed in range(500, 512)]
+    assert np.median(scattered) < 0.07
+    assert np.max(scattered) < 0.4
+
+
+@pytest.mark.slow
+def test_a_slow_pole_beside_a_resonance_or_two_more_lags(monkeypatch):
+    """Drift-like noise that a resonance explains as well as the two faster lags of three."""
+    rng = np.random.default_rng(7)
+    plant = TransferFunction([1.0], np.poly([-0.03, -0.25, -0.9]).tolist())
+    u = np.repeat(rng.choice([-1.0, 1.0], 12), 80)
+    y = simulate(plant, Record(u, u, dt=1.0))[:, 0]
+    record = Record(u, y + 0.5 * y.std() * rng.standard_normal(u.size), dt=1.0)
+    assert scatter(record, 3, monkeypatch, 6) < 0.15

@@ -245,3 +245,46 @@ def test_the_same_seed_gives_the_same_draws():
     one, other = (sample(lobes, WIDE, 300, (200.0,) * 5, generator(3)) for _ in range(2))
     assert np.array_equal(one.points, other.points)
     assert np.array_equal(one.weights, other.weights)
+
+
+# ----------------------------------------------------------------------------------------- tilts
+def heavy(points):
+    """Student's t with six degrees of freedom, a tail on either side."""
+    return -3.5 * np.log1p(points[:, 0] ** 2 / 6.0)
+
+
+def squared(points):
+    return 2.0 * np.log(np.abs(points) + 1e-9)
+
+
+def variance(seed, tilts):
+    found = sample(heavy, WIDE_LINE, 500, (300.0,) * 8, generator(seed), *tilts)
+    share = found.weights * np.exp(squared(found.points)[:, 0])
+    return share.sum(), effective_size(share / share.sum()), found.effective
+
+
+WIDE_LINE = ProposalMixture((Box(np.array([-200.0]), np.array([200.0])),), (1.0,))
+
+
+@pytest.mark.slow
+def test_what_is_told_of_a_tail_is_known_as_well_as_the_middle():
+    """The variance of a heavy tail, 6 / 4, hangs on few draws of the density itself."""
+    told = np.array([variance(seed, (squared,)) for seed in range(8)])
+    assert np.all(told[:, 1] >= 300.0 - 1e-6)
+    assert np.all(told[:, 2] <= told[:, 1] + 1e-6)
+    assert told[:, 0] == pytest.approx(np.full(8, 1.5), rel=0.25)
+
+
+def test_kernels_take_the_shape_of_the_place_they_are_in():
+    """A needle beside a hill: each has kernels of its own width, and both are known."""
+    places = ((0.5, np.array([-3.0, 0.0]), 1e-4), (0.5, np.array([3.0, 0.0]), 0.5))
+
+    def both(points):
+        each = [np.log(w) + multivariate_normal(m, c).logpdf(points) for w, m, c in places]
+        return np.logaddexp.reduce(each, axis=0)
+
+    near = StudentKernels(np.array([[-3.0, 0.0], [3.0, 0.0]]), 0.1 * np.eye(2))
+    first = ProposalMixture((*WIDE.parts, near), (0.5, 0.5))
+    found = sample(both, first, 500, (400.0,) * 8, generator())
+    assert found.effective >= 400.0
+    assert found.weights[found.points[:, 0] < 0.0].sum() == pytest.approx(0.5, abs=0.1)

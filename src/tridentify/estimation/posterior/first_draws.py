@@ -10,6 +10,7 @@ open, and other places of one that lies wrong.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 
@@ -41,6 +42,9 @@ WIDENED = 2.0
 """Standard deviations of these kernels over those of the likelihood with the section held."""
 ANYWHERE = 0.2
 """Share of the first draws from all of the box."""
+NEAR, PARTLY = 1.0, 3.0
+"""Of the others, from kernels and from kernels with a section from the box, in this ratio: the
+latter have more to cover."""
 BEND = 2e-3
 """Step of central second differences of the log density, in log rate and log damping."""
 
@@ -61,15 +65,14 @@ def first_draws(problem: Problem, near: Sequence[tuple[Complex, Array | None]]) 
         phi = coordinates(poles * unit_of(problem))
         if not np.all(np.isfinite(phi)):
             continue
-        outside = (phi < box.low - 1.0) | (phi > box.high + 1.0)
-        outside[1 : 2 * (phi.size // 2) : 2] = False  # any damping that a search ended on
-        partly += _by_section(problem, phi, box, outside)
-        if not np.any(outside):
+        partly += _by_section(problem, poles * unit_of(problem), box)
+        if not np.any(_outside(phi, box)):
             kernels.append(_about(problem, phi, cov))
-    groups = [one for one in (kernels, partly) if one]
+    groups = [(one, share) for one, share in ((kernels, NEAR), (partly, PARTLY)) if one]
     if not groups:
         return ProposalMixture((box,), (1.0,))
-    weights = [(1.0 - ANYWHERE) / len(groups) / len(one) for one in groups for _ in one]
+    known = sum(share for _, share in groups) / (1.0 - ANYWHERE)
+    weights = [share / known / len(one) for one, share in groups for _ in one]
     return ProposalMixture((box, *kernels, *partly), (ANYWHERE, *weights))
 
 
@@ -92,22 +95,52 @@ def _about(problem: Problem, phi: Array, cov: Array | None) -> StudentKernels:
     return StudentKernels(phi[None], _root(spread, SPREAD[0]))
 
 
-def _by_section(problem: Problem, phi: Array, box: Box, outside: Flags) -> list[Proposal]:
+def _outside(phi: Array, box: Box) -> Flags:
+    """(n,) coordinates of rates far beyond the box; a search may have ended on any damping."""
+    found = (phi < box.low - 1.0) | (phi > box.high + 1.0)
+    found[1 : 2 * (phi.size // 2) : 2] = False
+    return np.asarray(found)
+
+
+def _by_section(problem: Problem, poles: Complex, box: Box) -> list[Proposal]:
     """One section from the box, widened to where it ended; the others near the end."""
-    n = phi.size
+    n = poles.size
     if n < SEVERAL:
         return []
-    bend = _bend(problem, phi)
-    low, high = np.minimum(box.low, phi - 0.5), np.maximum(box.high, phi + 0.5)
     found: list[Proposal] = []
-    for section in range((n + 1) // 2):
-        free = np.arange(n) // 2 == section
-        if np.any(outside & ~free):
+    for freed in _sections(poles):
+        phi, free = _beside(poles[~freed], poles[freed])
+        if np.any(_outside(phi, box) & ~free):
             continue
-        spread = np.asarray(np.linalg.pinv(bend[np.ix_(~free, ~free)], hermitian=True))
+        spread = np.asarray(np.linalg.pinv(_bend(problem, phi, ~free), hermitian=True))
         kernels = StudentKernels(phi[None, ~free], _root(WIDENED**2 * spread, FINE))
-        found.append(PartlyBox(free, Box(low[free], high[free]), kernels))
+        low, high = np.minimum(box.low, phi - 0.5)[free], np.maximum(box.high, phi + 0.5)[free]
+        found.append(PartlyBox(free, Box(low, high), kernels))
     return found
+
+
+def _sections(poles: Complex) -> list[Flags]:
+    """(n,) each: complex pairs, real poles by twos and, where their number is odd, by themselves.
+
+    A record that shows one of three real poles leaves the other two open, whichever they are.
+    """
+    place = np.arange(poles.size)
+    real = place[poles.imag == 0].tolist()
+    chosen: list[tuple[int, ...]] = [
+        (k, int(np.argmin(np.abs(poles - poles[k].conjugate())))) for k in place[poles.imag > 0]
+    ]
+    chosen += combinations(real, 2)
+    chosen += [(k,) for k in real if poles.size % 2]
+    return [np.isin(place, one) for one in chosen]
+
+
+def _beside(kept: Complex, freed: Complex) -> tuple[Array, Flags]:
+    """(n,) coordinates of all poles with those freed as a section of their own, and which it is."""
+    rest, own = coordinates(kept), coordinates(freed)
+    at = 2 * (rest.size // 2)
+    free = np.zeros(rest.size + own.size, dtype=bool)
+    free[at : at + own.size] = True
+    return np.concatenate([rest[:at], own, rest[at:]]), free
 
 
 def _root(spread: Array, least: float) -> Array:
@@ -117,9 +150,10 @@ def _root(spread: Array, least: float) -> Array:
     return np.asarray(np.linalg.cholesky((vectors * values) @ vectors.T))
 
 
-def _bend(problem: Problem, phi: Array) -> Array:
-    """(n, n) curvature of minus the log density, by central differences; no negative one."""
-    n, steps = phi.size, BEND * np.eye(phi.size)
+def _bend(problem: Problem, phi: Array, kept: Flags) -> Array:
+    """(k, k) curvature of minus the log density, by central differences; no negative one."""
+    steps = BEND * np.eye(phi.size)[kept]
+    n = len(steps)
     pairs = [(i, j) for i in range(n) for j in range(i + 1)]
     signs = ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0))
     points = [phi + a * steps[i] + b * steps[j] for i, j in pairs for a, b in signs]

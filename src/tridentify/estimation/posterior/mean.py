@@ -61,8 +61,9 @@ from tridentify.estimation.posterior.surface import SLOWEST, Surface, surface, u
 from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.numerics.quantiles import ONE_SIGMA, around
 from tridentify.numerics.realization import denominator, sort_poles
-from tridentify.numerics.root_draws import stacked_roots
 
+SEED = 0
+"""Of the draws; with another one the mean moves by about a twentieth of its standard error."""
 LONGEST = 5_000
 """Samples up to which the posterior is weighed: thousands of denominators are fitted to all of
 them."""
@@ -74,10 +75,10 @@ DRAWS = 1_000
 ROUND = 1_000
 """Denominators fitted in a round."""
 ENOUGH = 400.0
-"""Independent draws that end the sampling in the first rounds, one round a pole: the mean is off by
-1 / 20 of a standard error."""
-SOME = 60.0
-"""Independent draws that end it later: the mean is off by an eighth of a standard error."""
+"""Independent draws, under the weights of the mean as well, that end the sampling in the first
+rounds, one round a pole: the mean is off by 1 / 20 of a standard error."""
+SOME = 100.0
+"""Independent draws that end it later: the mean is off by a tenth of a standard error."""
 MORE = 7
 """Rounds after the first ones, a round a pole: they bound the time."""
 TOO_FEW = 5.0
@@ -88,6 +89,9 @@ AT_LEAST = 20.0
 LAST = 24
 """Rounds after those, where draws are still too few: in loud noise hundreds of narrow resonances
 each explain some of it, and all of them together are to be weighed."""
+CLEARLY = 2.0
+"""-2 log L by which one mean explains the record better than the other, a likelihood ratio of e. By
+less they are as good, and which of them it is would be left to the draws."""
 SURE = 2.0
 """Standard errors between a pole and what the record excludes."""
 NORMAL = NormalDist()
@@ -283,7 +287,7 @@ def posterior(problem: Problem, near: Sequence[tuple[Complex, Array | None]]) ->
         None where there is none.
     """
     n, unit = problem.n_poles, unit_of(problem)
-    generator = np.random.default_rng(0)
+    generator = np.random.default_rng(SEED)
     seen: list[Surface] = []
 
     def density(phi: Array) -> Array:
@@ -291,10 +295,15 @@ def posterior(problem: Problem, near: Sequence[tuple[Complex, Array | None]]) ->
         seen.append(found)
         return found.log_density
 
-    goals = (ENOUGH,) * n + (SOME,) * (MORE - 1) + (TOO_FEW,) + (AT_LEAST,) * LAST
-    drawn = sample(density, first_draws(problem, near), ROUND, goals, generator)
-    whole = Surface.joined(seen)
+    def tilts(phi: Array) -> Array:
+        size = np.log(Sections.of(phi, n).geometric_mean())
+        return np.asarray(-2.0 * size[:, None] * order)
+
     order = np.arange(1, n + 1)
+    goals = (ENOUGH,) * n + (SOME,) * (MORE - 1) + (TOO_FEW,) + (AT_LEAST,) * LAST
+    first = first_draws(problem, near)
+    drawn = sample(density, first, ROUND, goals, generator, tilts)
+    whole = Surface.joined(seen)
     mean = _pitman(whole.denominators, whole.scale, drawn.weights, order)
     roots = sort_poles(np.roots(np.concatenate([[1.0], mean])).astype(np.complex128))
     poles, _ = problem.admissible(roots / unit)
@@ -302,9 +311,9 @@ def posterior(problem: Problem, near: Sequence[tuple[Complex, Array | None]]) ->
     found = Posterior(poles, draws, drawn.effective, drawn.weights.size)
     if n < SEVERAL:
         return found
-    apart, _ = problem.admissible(_by_sections(draws[:, :n] * unit**order) / unit)
+    apart, _ = problem.admissible(_by_sections(drawn) / unit)
     costs = [evaluate(problem, one).objective for one in (poles, apart)]
-    return found if costs[0] <= costs[1] else replace(found, poles=apart)
+    return found if costs[0] <= costs[1] + CLEARLY else replace(found, poles=apart)
 
 
 def _pitman(values: Array, scale: Array, weights: Array, order: Indices) -> Array:
@@ -314,12 +323,16 @@ def _pitman(values: Array, scale: Array, weights: Array, order: Indices) -> Arra
     return np.asarray((share * values).sum(axis=0) / share.sum(axis=0))
 
 
-def _by_sections(denominators: Array) -> Complex:
-    """Poles of the product of the means of the sections, those of equally likely denominators."""
-    count, n = denominators.shape
-    whole = np.concatenate([np.ones((count, 1)), denominators], axis=1)
-    phi = _ordered(stacked_roots(whole))
-    weights = np.full(count, 1.0 / count)
+def _by_sections(drawn: WeightedDraws) -> Complex:
+    """Poles of the product of the means of the sections.
+
+    The slow pair of one denominator is no section of another one that has a slow pole beside a
+    resonance. So only those count that have as many real poles as most.
+    """
+    n = drawn.points.shape[1]
+    real = np.sum(Sections.of(drawn.points, n).roots().imag == 0, axis=1)
+    most = real == np.argmax(np.bincount(real, drawn.weights))
+    phi, weights = _ordered(drawn.points[most]), drawn.weights[most] / drawn.weights[most].sum()
     means = []
     for k in range(n // 2):
         w, zeta = np.exp(phi[:, 2 * k]), np.exp(phi[:, 2 * k + 1])
@@ -331,8 +344,9 @@ def _by_sections(denominators: Array) -> Complex:
     return sort_poles(Sections.of(np.array([means]), n).roots()[0])
 
 
-def _ordered(roots: Complex) -> Array:
-    """(s, n) coordinates of denominators, slow sections first."""
+def _ordered(points: Array) -> Array:
+    """(s, n) coordinates of the same denominators, real poles neighbours, slow sections first."""
+    roots = Sections.of(points, points.shape[1]).roots()
     # they are stable; the rounding of a swing that does not decay may say otherwise
     roots = np.minimum(roots.real, -STILL * np.abs(roots)) + 1j * roots.imag
     phi = np.empty(roots.shape)
