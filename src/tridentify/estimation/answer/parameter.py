@@ -181,7 +181,7 @@ class Nuisance:
     initial_state: str = "rest"
     t0: float = 0.0
     free_after: float = 0.0
-    bends: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
+    bends: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
     duration: float = 0.0
 
     def __post_init__(self) -> None:

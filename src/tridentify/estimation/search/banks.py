@@ -125,7 +125,7 @@ class Banks:
 
         base, layout = self.base, self.layout
         n_inputs = base.n_inputs
-        nuisance = np.full((len(variants), 2), -1, dtype=np.int64)
+        nuisance = np.full((len(variants), 1 + layout.drift), -1, dtype=np.int64)
         for v, variant in enumerate(variants):
             kept = kept_columns(layout, variant)
             nuisance[v, : len(kept)] = kept

@@ -162,11 +162,12 @@ def select_structure(
         if other is not None:
             settled, work = other, replace(work, records=other.records, identified=None)
             opened = work.opened(structures)
-        found = work.selection(opened, settled.unseen, settled.told)
+        found = work.selection(structures, opened, settled.unseen, settled.told)
         other = resettled_again(given, unseen, settled, found.recommended, chosen)
         if other is not None:
             work = replace(work, records=other.records, identified=None)
-            found = work.selection(work.opened(structures), other.unseen, other.told)
+            opened = work.opened(structures)
+            found = work.selection(structures, opened, other.unseen, other.told)
         return having_said(found, given, work.records, chosen)
 
 
@@ -192,9 +193,12 @@ def _check_channels(records: Sequence[Record], unseen: Sequence[Record]) -> None
 
 @dataclass(frozen=True, eq=False)
 class _Opened:
-    """The candidates by themselves, and compared on the maximum of one likelihood."""
+    """The candidates by themselves, and compared on the maximum of one likelihood.
 
-    structures: tuple[Structure, ...]
+    ``compared``: with the drift that an estimate of a candidate has found.
+    """
+
+    compared: tuple[Structure, ...]
     table: SelectionTable
     whole: tuple[Entry, ...]
 
@@ -247,6 +251,7 @@ class _Work:
 
     def selection(
         self,
+        structures: Sequence[Structure],
         opened: _Opened,
         unseen: tuple[Record, ...],
         told: tuple[str, ...],
@@ -255,10 +260,10 @@ class _Work:
         evidence = OrderEvidence(
             self.records,
             unseen or self.records,
-            opened.structures,
+            tuple(structures),
             opened.table,
             opened.whole,
-            tuple(self._held_out(opened.whole, opened.structures, unseen)),
+            tuple(self._held_out(opened.whole, opened.compared, unseen)),
         )
         if self.free:
             asked = integrating(evidence.rows, self.records)
