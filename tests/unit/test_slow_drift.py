@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from tridentify import Estimate, Record, Structure, identify, select_structure
-from tridentify.errors import OptionError
+from tridentify import Estimate, Record, Structure, identify, online, select_structure
+from tridentify.errors import OptionError, UnsupportedError
 
 pytestmark = pytest.mark.unjudged
 
@@ -55,6 +55,11 @@ def test_a_degree_is_kept_in_files(tmp_path) -> None:
 def test_no_other_degree_is_taken(wrong: object) -> None:
     with pytest.raises(OptionError, match="drift"):
         Structure(2, 0, drift=wrong)  # type: ignore[arg-type]
+
+
+def test_a_stream_takes_a_slope_at_most() -> None:
+    with pytest.raises(UnsupportedError, match="slope at most"):
+        online.ThreeModel().init(Structure(2, 0, drift=3), 1.0)
 
 
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])

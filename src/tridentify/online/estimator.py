@@ -224,6 +224,11 @@ class Estimator(ABC):
             output_names=outputs, units=units,
         )  # fmt: skip
         refuse_unsupported([probe], structure, f"{self.name} on-line", Capability.DELAY)
+        if structure.drift_degree > 1:
+            raise UnsupportedError(
+                f"found drift={structure.drift}; {self.name} on-line expects a slope at most, as a "
+                "polynomial needs the length of the record; state drift=True, or identify off-line"
+            )
         structure.poles_matrix(len(outputs), len(inputs))
         structure.zeros_matrix(len(outputs), len(inputs))
         delays = structure.delay_matrix(len(outputs), len(inputs))

@@ -32,7 +32,8 @@ from tridentify.numerics.arrays import Array
 from tridentify.numerics.whiteness import is_white
 
 HIGHEST = 6
-"""Degree of a drift that is found: more wiggles are noise, or a response."""
+"""Highest degree that is tried; a drift that is found is below it. More wiggles are noise, or a
+response."""
 PER_DEGREE = 25
 """Samples for each degree: with fewer a polynomial follows responses as well as drifts."""
 SLOW = 0.05
