@@ -21,6 +21,7 @@ from tridentify.estimation.machine_code import ready
 from tridentify.estimation.methods.base import Method, Progress
 from tridentify.estimation.methods.route import having_left_out, referenced
 from tridentify.judgement.causes.signals.wild_beginning import without_wild_beginning
+from tridentify.judgement.causes.timing.timed import beside_stated_moves, is_timed, with_times
 from tridentify.judgement.choice import (
     METHODS,
     beside_stated,
@@ -214,12 +215,17 @@ def search(
                 estimate = with_judgement(
                     widened(again, used, stated=stated), used, chosen, None, told
                 )
+            if not (stated or again):
+                estimate, used = _beside_times(estimate, used, chosen, progress)
             ended = _told(estimate, asked, wild)
             return Searched(ended, used, lambda: ended)
         found, seen, between, told = with_behaviour(chosen, given, wanted, progress)
         found = having_left_out(found, left_out)
         first, stated = found, all(record.intersample != "auto" for record in given)
         again = directly(chosen, found, seen, wanted, progress)
+        if not (stated or again):
+            found, seen = with_times(chosen, found, seen, wanted, progress)
+            between = None if is_timed(found) else between
         found = widened(again or found, seen, stated=stated)
         found = not_stable(chosen, found, seen, wanted, progress, stated=stated) or found
 
@@ -228,14 +234,33 @@ def search(
             progress("testing the residual")
         with one_blas_thread():
             compared = beside_stated(first, seen) if stated else between
-            return _told(with_judgement(found, seen, chosen, compared, told), asked, wild)
+            said = beside_stated_moves(found, seen) if stated and again is None else found
+            return _told(with_judgement(said, seen, chosen, compared, told), asked, wild)
 
     return Searched(found, tuple(seen), judged)
 
 
+def _beside_times(
+    estimate: Estimate, records: tuple[Record, ...], method: Method, progress: Progress | None
+) -> tuple[Estimate, tuple[Record, ...]]:
+    """The estimate of an order beside the times that this order tells.
+
+    The candidates were compared with those that one of them told.
+    """
+    known, structure = estimate.trace.decisions[:1], estimate.structure
+    was_timed = estimate.record_fingerprint != fingerprint(records)
+    timed, seen = with_times(method, estimate, records, structure, progress)
+    if seen[0] is not records[0]:
+        return with_judgement(timed, seen, method, None, known), tuple(seen)
+    if was_timed:
+        plain = method.estimate(records, structure, progress)
+        return with_judgement(plain, records, method, None, known), records
+    return timed, records
+
+
 def _told(estimate: Estimate, asked: Sequence[Record], wild: Sequence[Finding]) -> Estimate:
     """An estimate of the records as they were asked for, and which samples it left out."""
-    if not wild:
+    if not (wild or is_timed(estimate)):
         return estimate
     seen = fingerprint([record.settled(estimate.intersample) for record in asked])
     return replace(estimate, findings=(*wild, *estimate.findings), record_fingerprint=seen)

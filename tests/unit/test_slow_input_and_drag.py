@@ -15,7 +15,8 @@ from tridentify.estimation.likelihood.setup.nuisance import Nuisances
 from tridentify.estimation.posterior.maximum_or_mean import ELSEWHERE, left_behind
 from tridentify.judgement.causes.attempts.present import Present
 from tridentify.judgement.causes.signals.coarse_input import converter_steps
-from tridentify.judgement.causes.timing.slow_input import repeats, slow_input_rivals
+from tridentify.judgement.causes.timing.moves import repeats
+from tridentify.judgement.causes.timing.slow_input import slow_input_rivals
 
 NUM, DEN, DT, FINE = np.array([2.0, 8.0]), np.array([1.0, 1.6, 16.0]), 0.05, 10
 pytestmark = pytest.mark.judged

@@ -32,6 +32,7 @@ class DecisionKind(enum.Enum):
     RESTS_ON_HELD = "the input counts as held between its samples, as the record says"
     NO_END_TOGETHER = "plant and noise together come to no end"
     INPUT_TAKEN = "input taken as"
+    MOVES_TIMED = "the input moves between its samples: when is estimated along"
     ORDERS_CHOSEN = "poles, zeros ="
     DIRECT_ROUTE = "route direct"
     NOT_INDEPENDENT = (

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tridentify.errors import TridentifyError
+from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.methods.base import Method, Progress
 from tridentify.judgement.causes.attempts.intersample import (
@@ -16,6 +17,7 @@ from tridentify.judgement.causes.attempts.intersample import (
     behaviours,
     better_behaviour,
 )
+from tridentify.judgement.causes.timing.timed import with_times
 from tridentify.judgement.choice import with_behaviour
 from tridentify.judgement.selection.orders import order_label
 from tridentify.judgement.selection.result import Selection, SelectionRow
@@ -53,11 +55,16 @@ def settle(
     identified = None
     try:
         estimate, seen, _, _ = with_behaviour(method, list(records), middle, None)
+        if all(record.intersample == "auto" for record in records):
+            estimate, seen = with_times(method, estimate, seen, middle, None)
         identified = middle, estimate
     except (TridentifyError, np.linalg.LinAlgError, ValueError):
         seen = [record.settled(record.behaviour) for record in records]
     others = tuple(one.settled(seen[0].behaviour) for one in unseen)
-    return SettledRecords(tuple(seen), others, (_told(seen[0], middle),), identified)
+    told = [_told(seen[0], middle)]
+    if identified is not None:
+        told += identified[1].trace.about(DecisionKind.MOVES_TIMED)
+    return SettledRecords(tuple(seen), others, tuple(told), identified)
 
 
 def _told(record: Record, by: Structure) -> str:

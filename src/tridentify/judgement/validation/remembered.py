@@ -19,6 +19,7 @@ from tridentify.estimation.answer.assemble import fingerprint
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
 from tridentify.judgement.causes.signals.wild_beginning import without_wild_beginning
+from tridentify.judgement.causes.timing.timed import as_timed, is_timed
 from tridentify.judgement.validation.residuals import View
 from tridentify.judgement.validation.result import Validation
 from tridentify.numerics.kept import Beside
@@ -129,8 +130,9 @@ def as_identified(
     """A list of the records as identified, the estimate of them, and what is left out.
 
     Samples that were identified by their interval alone come with a clock from elsewhere; wild
-    first samples are none. Of an estimate by the reference route, experiments without a reference
-    are left out beside others.
+    first samples are none. Where an estimate was found beside the times at which inputs moved, so
+    is what a record tells of these. Of an estimate by the reference route, experiments without a
+    reference are left out beside others.
 
     Parameters
     ----------
@@ -144,9 +146,11 @@ def as_identified(
     """
     asked = _on_its_clock(estimate, _listed(given))
     records, wild = without_wild_beginning(asked)
-    if wild and fingerprint(asked) == estimate.record_fingerprint:
-        estimate = replace(estimate, record_fingerprint=fingerprint(records))
-    return estimate, records, tuple(wild)
+    timed = is_timed(estimate)
+    changed = [as_timed(estimate, one) for one in records] if timed else records
+    if (wild or timed) and fingerprint(asked) == estimate.record_fingerprint:
+        estimate = replace(estimate, record_fingerprint=fingerprint(changed))
+    return estimate, changed, tuple(wild)
 
 
 def _on_its_clock(estimate: Estimate, given: Sequence[Record]) -> list[Record]:

@@ -11,28 +11,20 @@ on from there; neither one shift, nor clocks that run apart, are spread like tha
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
-from tridentify.estimation.likelihood.minimum.levenberg_marquardt import coefficients
-from tridentify.judgement.causes.attempts.attempt import Attempt
-from tridentify.judgement.causes.attempts.intersample import CLEARLY, seems_held
+from tridentify.judgement.causes.attempts.intersample import CLEARLY
 from tridentify.judgement.causes.attempts.present import Present
 from tridentify.judgement.causes.attempts.rivals import LONG_ENOUGH, Rival, one
-from tridentify.judgement.causes.timing.shifts import SAMPLES_AN_EDGE, quickly_fitted
-from tridentify.models.simulate import simulate_each
+from tridentify.judgement.causes.timing.moves import moved_earlier, moves_of, repeats, times_told
+from tridentify.judgement.causes.timing.shifts import quickly_fitted
 from tridentify.numerics.arrays import Array, Indices
-from tridentify.numerics.autoregression import whiten
-from tridentify.record.record import Record
 
 SLOWEST = 10
 """Samples a value is repeated for, at most: of less the outputs tell little more than the input."""
-
-MOVES = 16
-"""From which all of them being at every k-th sample is no chance."""
 
 NEARLY_ALL = 0.8
 """Share of the instants at which a smooth input moves."""
@@ -43,14 +35,8 @@ SPREAD = 0.15
 HEADLINE = "an input was recorded slower than the outputs"
 BETWEEN = "an input moves between the samples"
 
-FEWEST_EDGES, MOST_EDGES = 4, 400
-"""Moves between the samples: of fewer one delay tells as much; each is a column to be fitted."""
-
-ROUNDS = 8
-"""Fits and times in turn."""
-
-MODEST = 0.25
-"""Standard deviation of a move's time over ``k``, where the output says nothing of it."""
+ROUNDS = 5
+"""Fits and times in turn: the times of each round stand beside the coefficients."""
 
 
 def slow_input_rivals(present: Present) -> Iterator[Rival]:
@@ -67,7 +53,7 @@ def slow_input_rivals(present: Present) -> Iterator[Rival]:
     every = repeats(jumps) or 1
     if every > SLOWEST or record.n_samples < 2 * LONG_ENOUGH:
         return
-    if every == 1 and not _is_thrown(record, jumps):
+    if every == 1 and not moves_of(record).size:
         return
     if every > 1 and jumps.size > NEARLY_ALL * record.n_samples / every:
         yield from _joined(present, every, int(jumps[0]) % every)
@@ -75,28 +61,6 @@ def slow_input_rivals(present: Present) -> Iterator[Rival]:
         found = _earlier_each(present, every, jumps)
         if found is not None:
             yield found
-
-
-def _is_thrown(record: Record, jumps: Indices) -> bool:
-    """Whether an input moves from level to level, seldom enough to tell when each move acted."""
-    few = FEWEST_EDGES <= jumps.size <= min(record.n_samples / SAMPLES_AN_EDGE, MOST_EDGES)
-    return few and seems_held([record])
-
-
-def repeats(jumps: Indices) -> int:
-    """Samples of which all moves are whole multiples apart; 0 where there are too few moves.
-
-    Parameters
-    ----------
-    jumps : (m,) integer array
-        Where an input moves.
-
-    Examples
-    --------
-    >>> repeats(4 * np.arange(20) + 3), repeats(np.arange(9))
-    (4, 0)
-    """
-    return math.gcd(*np.diff(jumps).tolist()) if jumps.size >= MOVES else 0
 
 
 def _said(present: Present, every: int) -> str:
@@ -144,10 +108,10 @@ def _earlier_each(present: Present, every: int, jumps: Indices) -> Rival | None:
     for _ in range(ROUNDS):
         if end is None:
             return None
-        more = _sooner(end, present, jumps, jumps - early, every)
-        if more is None:
+        told = times_told(end.point, present.records[0], present.delay, jumps, early, every)
+        if told is None:
             return None
-        early = np.clip(early + more, 0.0, float(every))
+        early = np.clip(early + told.sooner, 0.0, float(every))
         end = quickly_fitted(_moved(present, jumps, early), end.point.poles)
     if end is None or float(np.std(early)) < SPREAD * every:
         return None
@@ -159,12 +123,10 @@ def _earlier_each(present: Present, every: int, jumps: Indices) -> Rival | None:
             f"an input that moves between the samples ({names}; each time up to a sample before "
             f"that was recorded, {by}: when it moved is known to {dt:.3g} s only)"
         )
-        record = "Record the inputs faster, or when they moved (a trigger, a counter)"
-        if nearer:
-            record = (
-                "State intersample='foh' (--intersample foh), which is right on the mean of the "
-                f"moves. {record}"
-            )
+        record = (
+            "State intersample='auto' (--intersample auto): when they moved is then estimated "
+            "along. Or record the inputs faster, or when they moved (a trigger, a counter)"
+        )
     else:
         what = (
             f"{_said(present, every)}, so that each move acted up to {every} samples before it was "
@@ -198,68 +160,5 @@ def _lines_are_nearer(present: Present) -> bool:
 
 
 def _moved(present: Present, jumps: Indices, early: Array) -> Present:
-    """With every move of the inputs earlier by so many samples."""
     (record,) = present.records
-    n = record.n_samples
-    at = np.maximum.accumulate(np.clip(jumps - early, 0.0, n))
-    ends = np.concatenate([[-1.0], at, [n + 1.0]])
-    columns = []
-    for u in record.u.T:
-        values = np.append(u[0], u[jumps])
-        area = np.concatenate([[0.0], np.cumsum(values * np.diff(ends))])
-        columns.append(np.diff(np.interp(np.arange(n + 1), ends, area)))
-    moved = record._derive(u=np.stack(columns, axis=1)).between("zoh")
-    return replace(present, records=(moved,))
-
-
-def _sooner(end: Attempt, part: Present, jumps: Indices, at: Array, every: int) -> Array | None:
-    """(m,) how much sooner each move acted than at some time [samples], by what the outputs leave.
-
-    The response to a move that comes a sample sooner is that to one sample of it; each is one
-    column, and what the output does not tell stays as it is.
-    """
-    problem = end.point.problem
-    (record,) = part.records
-    n = record.n_samples
-    begins = np.clip(np.ceil(at).astype(int) - 1, 0, n - 1)  # the sample in which it moved
-    normal, seen_from = np.eye(jumps.size) / (MODEST * every) ** 2, np.zeros(jumps.size)
-    pulses = _pulses(end, part)
-    for i in range(problem.n_outputs):
-        answer = np.zeros((n, jumps.size))
-        for j in range(record.n_inputs):
-            moves = np.diff(record.u[:, j])[jumps - 1]
-            for k, (start, step) in enumerate(zip(begins, moves, strict=True)):
-                answer[start:, k] += step * pulses[i][j][: n - start]
-        a = problem.noise[i] if problem.noise else np.zeros(0)
-        left = end.residuals()[0][:, i]
-        seen = np.isfinite(left)
-        left = np.nan_to_num(left)
-        if a.size:
-            left = np.nan_to_num(whiten(left, a)[0])
-            answer = np.stack([np.nan_to_num(whiten(c, a)[0]) for c in answer.T.copy()], axis=1)
-        size = float(np.mean(left[seen] ** 2))
-        if not size > 0.0:
-            return None
-        own = answer[seen]
-        normal += own.T @ own / size
-        seen_from += own.T @ left[seen] / size
-    return np.asarray(np.linalg.solve(normal, seen_from))
-
-
-def _pulses(end: Attempt, part: Present) -> list[list[Array]]:
-    """Per output and input, the response to one sample of an input of one that is held."""
-    problem, theta = end.point.problem, coefficients(end.point)
-    (record,) = part.records
-    n = problem.n_poles
-    den, at = np.append(1.0, theta[:n]), n
-    first = np.zeros((record.n_samples, 1))
-    first[0] = 1.0
-    found: list[list[Array]] = []
-    for i, row in enumerate(problem.n_zeros):
-        found.append([])
-        for j, m in enumerate(row):
-            num = theta[at : at + m + 1]
-            at += m + 1
-            delay = float(part.delay[i, j])
-            found[-1].append(simulate_each(num, den, delay, record, first)[:, 0])
-    return found
+    return replace(present, records=(moved_earlier(record, jumps, early),))
