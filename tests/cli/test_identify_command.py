@@ -341,6 +341,7 @@ def test_noise_is_refused_with_a_method_that_has_no_choice_of_it(run, noisy, que
 
 # ------------------------------------------------------------------------------------- the files
 @pytest.mark.undrawn
+@pytest.mark.unjudged
 def test_out_writes_everything_and_keeps_what_is_there(run, tmp_path, noisy, question):
     folder = tmp_path / "deep" / "result"
     folder.mkdir(parents=True)
@@ -530,6 +531,7 @@ def test_an_interrupt_leaves_nothing_behind(run, tmp_path, noisy, question, monk
 
 
 @pytest.mark.undrawn
+@pytest.mark.unjudged
 def test_a_failure_while_writing_leaves_nothing_behind(run, tmp_path, noisy, question, monkeypatch):
     import tridentify.report.html as report
 

@@ -109,16 +109,16 @@ def test_the_last_line_is_what_the_record_gives_at_once(run, file, columns):
 
 
 def test_lines_come_at_every_tick_of_data_time_and_at_the_end(run, file):
-    found = objects(run("stream", file, *QUESTION, "--every", 5).out)
+    found = objects(run("stream", file, *QUESTION, *QUICKLY, "--every", 5).out)
     assert [line["time"] for line in found] == pytest.approx([5, 10, 15, 20, 25, 29.98])
     assert [line["n_samples"] for line in found] == [251, 501, 751, 1001, 1251, 1500]
     assert [line["final"] for line in found] == [False] * 5 + [True]
-    assert len(objects(run("stream", file, *QUESTION, "--every", "inf").out)) == 1
+    assert len(objects(run("stream", file, *QUESTION, *QUICKLY, "--every", "inf").out)) == 1
 
 
 def test_a_line_at_the_very_end_comes_once(run, file):
     file.write_text("\n".join(lines_of(file)[:502]) + "\n")
-    found = objects(run("stream", file, *QUESTION, "--every", 5).out)
+    found = objects(run("stream", file, *QUESTION, *QUICKLY, "--every", 5).out)
     assert [line["time"] for line in found] == pytest.approx([5, 10])
     assert [line["number"] for line in found] == [1, 2]
 
@@ -235,7 +235,7 @@ def test_several_channels_have_their_own_coefficients(run, held, write_table):
 
 
 def test_samples_that_do_not_count_are_missing(run, file):
-    outcome = run("stream", file, *QUESTION, "--missing", "q>=0.3", "--every", "inf")
+    outcome = run("stream", file, *QUESTION, *QUICKLY, "--missing", "q>=0.3", "--every", "inf")
     (last,) = objects(outcome.out)
     assert "missing-output" in last["flags"]
 
@@ -304,7 +304,7 @@ def test_a_flood_of_bad_lines_does_not_flood_the_terminal(run, file):
     header, *rows = lines_of(file)
     mixed = [header, *(text for row in rows for text in (row, "x" * 500, "{", "1,2,3,4,5"))]
     file.write_text("\n".join(mixed) + "\n")
-    outcome = run("stream", file, *QUESTION, "--every", "inf")
+    outcome = run("stream", file, *QUESTION, *QUICKLY, "--every", "inf")
     assert outcome.code == 0
     assert len(outcome.err.splitlines()) < 30
     assert max(map(len, outcome.err.splitlines())) < 300
@@ -434,7 +434,7 @@ def test_a_signal_ends_it_with_the_last_line_and_the_checkpoint(run, file, tmp_p
     kept = tmp_path / "kept.json"
     with file.open("ab") as stream:
         stream.write(b"30.0,1.0")  # half a line
-    process = start(*checkpointed(file, kept, "--follow"))
+    process = start(*checkpointed(file, kept, *QUICKLY, "--follow"))
     assert process.stdout is not None
     shown = [process.stdout.readline() for _ in range(29)]
     process.send_signal(number)
@@ -447,7 +447,7 @@ def test_a_signal_ends_it_with_the_last_line_and_the_checkpoint(run, file, tmp_p
     with file.open("ab") as stream:
         stream.write(b",0.5\n")
     whole, again = (run(*words) for words in (
-        ["stream", file, *QUESTION], checkpointed(file, kept, "--resume")
+        ["stream", file, *QUESTION, *QUICKLY], checkpointed(file, kept, *QUICKLY, "--resume")
     ))  # fmt: skip
     assert objects(again.out)[-1] == objects(whole.out)[-1]
 
@@ -769,7 +769,7 @@ def test_a_standard_input_that_is_closed_is_one_line(run, monkeypatch):
 
 # --------------------------------------------------------------------------------------- the view
 def test_without_a_terminal_the_live_view_is_a_plain_line(run, file):
-    outcome = run("stream", file, *QUESTION, "--live", "--every", 5)
+    outcome = run("stream", file, *QUESTION, *QUICKLY, "--live", "--every", 5)
     assert outcome.code == 0
     assert len(objects(outcome.out)) == 6
     (line,) = [text for text in outcome.err.splitlines() if "samples/s" in text]

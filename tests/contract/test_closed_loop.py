@@ -60,9 +60,9 @@ def record_of(seed=1, *, n=600, noise=0.2, colour=None, missing=0, **options):
 
 
 @cache
-def answered(seed=1):
+def answered(seed=1, n=600):
     """Of one of these records, by default; the same for every test that asks for it."""
-    return tri.identify(record_of(seed), ORDERS)
+    return tri.identify(record_of(seed, n=n), ORDERS)
 
 
 def driven(seed, intersample, n=600, noise=0.2):
@@ -123,8 +123,8 @@ def worse_in_open_loop(record, truth=TRUTH, structure=ORDERS, **options):
 
 @pytest.mark.unjudged
 def test_the_reference_route_is_taken_by_itself_and_told():
-    record = record_of()
-    estimate = answered()
+    record = record_of(n=300)
+    estimate = answered(n=300)
     right(estimate)
     assert "reference" in estimate.summary()
     told = tri.identify(record, ORDERS, tri.ThreeModel(route="reference"))
@@ -151,7 +151,7 @@ def test_the_reference_route_without_a_reference_is_refused():
 
 
 def test_a_right_estimate_warns_of_nothing():
-    estimate = tri.identify(record_of(3), ORDERS, tri.ThreeModel(controller="sampled"))
+    estimate = tri.identify(record_of(3, n=300), ORDERS, tri.ThreeModel(controller="sampled"))
     right(estimate)
     loud = [f.code for f in estimate.findings if f.severity in ("error", "warning")]
     assert loud == []
@@ -187,10 +187,10 @@ def test_the_input_as_reference_leaves_no_kind_of_controller_to_ask_for():
 
 @pytest.mark.parametrize("intersample", ["zoh", "foh", "band-limited"])
 @pytest.mark.parametrize("controller", ["continuous", "unknown"])
-@pytest.mark.fast("continuous-foh")
 @pytest.mark.unjudged
+@pytest.mark.fast("continuous-foh")
 def test_a_continuous_controller_and_each_kind_of_reference(controller, intersample):
-    record = driven(5, intersample)
+    record = driven(5, intersample, n=300)
     assert record.reference_behaviour == intersample
     right(tri.identify(record, ORDERS, tri.ThreeModel(controller=controller)))
 
@@ -225,7 +225,7 @@ def test_joined_by_lines_it_would_be_half_a_sample_early(seed):
 @pytest.mark.fast("sampled")
 @pytest.mark.unjudged
 def test_a_sampled_controller(controller):
-    right(tri.identify(record_of(6), ORDERS, tri.ThreeModel(controller=controller)))
+    right(tri.identify(record_of(6, n=300), ORDERS, tri.ThreeModel(controller=controller)))
 
 
 @pytest.mark.parametrize(
@@ -234,7 +234,7 @@ def test_a_sampled_controller(controller):
         (tri.Structure(2, 1, offset=True), {"shift": 3.0}),
         (tri.Structure(2, 1, offset=True, drift=True), {"shift": 1.0, "slope": 0.05}),
         (tri.Structure(2, 1, initial_state="free"), {"initial": [0.0, 3.0]}),
-        (ORDERS, {"missing": 60}),
+        (ORDERS, {"missing": 30}),
         (ORDERS, {"colour": 0.8}),
     ],
     ids=["offset", "drift", "state", "missing", "coloured"],
@@ -242,7 +242,7 @@ def test_a_sampled_controller(controller):
 @pytest.mark.unjudged
 @pytest.mark.fast("drift")
 def test_what_records_have_beside_noise(structure, options):
-    right(tri.identify(record_of(7, **options), structure))
+    right(tri.identify(record_of(7, n=300, **options), structure))
 
 
 @pytest.mark.unjudged
@@ -256,10 +256,11 @@ def test_two_experiments_with_two_controllers():
 
 
 @pytest.mark.unjudged
+@pytest.mark.slow
 def test_a_known_delay():
     late = 3
     rng = np.random.default_rng(10)
-    r, e = switching(rng, 600), 0.15 * rng.standard_normal(600)
+    r, e = switching(rng, 300), 0.15 * rng.standard_normal(300)
     waiting = [0.0] * late
     inner, asked = rule(r, gain=0.8, rate=0.5), []
 
@@ -275,7 +276,7 @@ def test_a_known_delay():
 
 @pytest.mark.unjudged
 def test_a_fixed_coefficient():
-    fixed = tri.identify(record_of(11, n=400), tri.Structure(2, 1, fixed={"a0": 4.0}))
+    fixed = tri.identify(record_of(11, n=250), tri.Structure(2, 1, fixed={"a0": 4.0}))
     assert fixed.parameters["a0"].value == pytest.approx(4.0, abs=1e-12)
     right(fixed)
 
@@ -329,7 +330,7 @@ def test_experiments_with_different_references():
 def test_an_input_that_no_controller_moves():
     """A measured disturbance beside the controlled input: a reference by its own name."""
     rng = np.random.default_rng(17)
-    n, pole = 600, float(np.exp(-0.1))
+    n, pole = 300, float(np.exp(-0.1))
     r, d = switching(rng, n, 15), switching(rng, n, 10)
     e, x, u, y = 0.05 * rng.standard_normal(n), 0.0, np.zeros(n), np.zeros(n)
     for k in range(n):
@@ -345,9 +346,10 @@ def test_an_input_that_no_controller_moves():
 
 
 @pytest.mark.unjudged
+@pytest.mark.slow
 def test_a_dither_alone_at_the_input():
     rng = np.random.default_rng(13)
-    n = 800
+    n = 400
     d = switching(rng, n, 8)
     u, y = sampled_loop(
         [[CHANNEL]], rule(np.zeros(n), dither=d), 0.1 * rng.standard_normal((n, 1)), DT
@@ -436,8 +438,9 @@ def test_structures_are_compared_on_the_reference_route():
     assert best.structure.poles == 2
 
 
+@pytest.mark.slow
 def test_the_command_line_takes_the_reference(tmp_path):
-    record = record_of()
+    record = record_of(n=300)
     table = np.column_stack([record.t, record.u, record.reference, record.y])
     path = tmp_path / "log.csv"
     np.savetxt(path, table, delimiter=",", header="t,u,r,y", comments="", fmt="%.17g")
@@ -446,7 +449,7 @@ def test_the_command_line_takes_the_reference(tmp_path):
     assert ran.exit_code == 0, ran.output
     told = json.loads(ran.stdout)
     assert told["route"] == "reference"
-    own = answered()
+    own = answered(n=300)
     found = {entry["name"]: entry["value"] for entry in told["parameters"]}
     for name, value in TRUTH.items():
         assert abs(found[name] - value) < CLOSE * own.parameters[name].std

@@ -430,7 +430,7 @@ def test_units_change_nothing_but_the_units(key, case, dt, input_unit, output_un
 
 
 @every_able
-@pytest.mark.fast("three-model")
+@pytest.mark.slow
 def test_a_free_optimum_that_no_projection_keeps_stable_is_no_dead_end(key):
     """A short record of four slow poles; a0 fixed makes the free optimum's neighbours unstable."""
     den = np.poly([-0.32 + 0.46j, -0.32 - 0.46j, -0.28 + 0.53j, -0.28 - 0.53j]).real

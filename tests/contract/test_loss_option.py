@@ -215,6 +215,7 @@ def test_missing_samples_and_several_records(loss):
 
 
 @robust
+@pytest.mark.fast("huber")
 def test_output_error_by_hand_ends_on_the_same_minimum(loss):
     record, reference = solved(loss)
     start = TransferFunction([1.0], [1.0, 2.0, 2.0])

@@ -214,7 +214,7 @@ def test_save_load_pickle_and_words_keep_the_noise_model(mode, tmp_path):
 
 @pytest.mark.judged
 def test_white_on_coloured_noise_is_cautioned_and_auto_is_not():
-    record = short_period(n_samples=800)
+    record = short_period(n_samples=500)
     plain, found = (identify(record, STRUCTURE, ThreeModel(noise=n)) for n in ("white", "auto"))
     assert any("white" in line or "colour" in line for line in plain.cautions)
     assert not any("not white" in line for line in found.cautions), found.cautions

@@ -81,7 +81,7 @@ def content(state, folder):
 def test_resumed_from_a_file_bit_for_bit(key, tmp_path):
     """Every state on the way, saved and loaded, gives the same innovations and the same end."""
     method = METHODS[key]
-    u, y = signals(750)
+    u, y = signals(620)
     expected = method.init(ASKED, DT, units={"u": "V", "y": "rad"})
     resumed = expected
     path = tmp_path / "state.json"

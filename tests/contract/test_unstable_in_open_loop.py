@@ -83,6 +83,7 @@ def test_what_it_was_is_kept_in_the_file(tmp_path):
 
 @pytest.mark.unjudged
 @pytest.mark.parametrize("seed", range(4))
+@pytest.mark.fast("0")
 def test_a_slow_stable_plant_in_drifting_noise_stays_stable(seed):
     """An unstable mode with a free start could take up a drift: the record must ask for it."""
     rng = np.random.default_rng(seed)

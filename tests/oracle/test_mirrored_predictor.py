@@ -106,8 +106,8 @@ def test_an_integrators_position_and_an_offset_are_small_where_they_are_not_told
     [([1.0, 0.5, -1.5], 2), ([1.0, -0.5, -1.5], 3), ([1.0, -0.6, 4.0], 4), ([1.0, 2.0, 0.0], 5)],
     ids=["one", "fast", "pair", "integrating"],
 )
-@pytest.mark.fast("fast", "integrating")
 @pytest.mark.judged
+@pytest.mark.fast("fast")
 def test_the_plant_is_found_as_it_is(den, seed):
     record = flown(seed, den)
     estimate = identify(record, Structure(2, 0), ThreeModel(controller="sampled"))

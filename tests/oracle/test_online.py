@@ -184,7 +184,7 @@ def test_the_innovation_is_what_the_past_did_not_foretell():
 @pytest.mark.parametrize("forget", ["directional", "resetting"])
 def test_other_ways_to_forget_agree_where_excitation_is_even(forget):
     """With every direction excited alike there is little to choose between them."""
-    record, c = recorded("one zero", 20_000, noise=0.05)
+    record, c = recorded("one zero", 8_000, noise=0.05)
     method = online.RecursiveLeastSquares(forgetting=0.998, forget=forget, filter=tuple(c))
     found = online.run(method, record, asked("one zero"), every=1e9).estimate
     expected = dense(record, asked("one zero"), c, 0.998)
@@ -300,7 +300,7 @@ def test_ends_where_offline_does_on_any_clock(intersample, scale):
 
 
 def test_ends_where_offline_does_with_several_channels():
-    u = np.stack([levels(4000, 4, 1), levels(4000, 5, 2)], axis=1)
+    u = np.stack([levels(2000, 4, 1), levels(2000, 5, 2)], axis=1)
     den = [1.0, 1.0, 3.0]
     model = TransferFunction([[[0.2, 0.5], [2.0]], [[1.0], [0.3, 0.1]]], [[den, den]] * 2)
     y = simulate(model, Record(u, u, dt=DT))
@@ -319,10 +319,10 @@ def test_ends_where_offline_does_with_a_delay():
 
 
 def test_ends_where_offline_does_not_at_rest():
-    u = levels(4000, 4, 1)
+    u = levels(2000, 4, 1)
     model = TransferFunction([0.2, 0.5], [1.0, 1.0, 3.0])
     y = simulate(model, Record(u, u, dt=DT), free_response=np.array([[2.0, 1.0]]))[:, 0]
-    y = y + 0.1 * y.std() * np.random.default_rng(3).standard_normal(4000)
+    y = y + 0.1 * y.std() * np.random.default_rng(3).standard_normal(2000)
     agreed(Record(u, y, dt=DT), Structure(2, 1, offset=False, initial_state="free"))
     trimmed = Record(u + 3.0, y - 2.0, dt=DT)
     agreed(trimmed, Structure(2, 1, **FREE))
@@ -360,15 +360,15 @@ def test_ends_where_offline_does_on_a_jittered_clock():
 
 def test_a_jittered_run_is_the_fold_over_its_intervals():
     rng = np.random.default_rng(8)
-    t = 7.0 + np.cumsum(DT * rng.uniform(0.4, 1.6, 1500))
-    u = levels(1500, 4, 1)
+    t = 7.0 + np.cumsum(DT * rng.uniform(0.4, 1.6, 800))
+    u = levels(800, 4, 1)
     y = simulate(TransferFunction([0.2, 0.5], [1.0, 1.0, 3.0]), Record(u, u, t=t))[:, 0]
     record = Record(u, y, t=t)
     structure, method = Structure(2, 1, **REST), online.ThreeModel()
     run = online.run(method, record, structure)
     state = method.init(structure, float(np.median(np.diff(t))))
     intervals = np.append(DT, np.diff(t))
-    for k in range(1500):
+    for k in range(800):
         state, _ = method.step(state, u[k], y[k], interval=intervals[k])
     assert state.time == pytest.approx(t[-1] - t[0], rel=1e-12)
     found, expected = method.estimate(state).theta, run.estimate.theta

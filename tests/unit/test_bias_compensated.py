@@ -52,6 +52,7 @@ def separated(record, structure, coefficients, weight=1.0):
 
 
 # ------------------------------------------------------------------------- the equations
+@pytest.mark.slow
 def test_expected_share_of_the_noise_is_what_many_draws_leave():
     """Noise alone as the output: the mean of Y' (1 - Q Q') Y is Lambda, and less without Z."""
     rng, u, total = np.random.default_rng(1), PRBS[:120], 0.0

@@ -173,7 +173,7 @@ def with_two_poles(made, seed):
 
 
 @pytest.mark.parametrize("code", CAUSES)
-@pytest.mark.fast("lost-rows", "varying", "disagreeing-experiments")
+@pytest.mark.fast("lost-rows")
 def test_the_cause_is_named_first(code):
     estimate = with_two_poles(CAUSES[code], 3)
     first = estimate.findings[0]
@@ -403,7 +403,7 @@ def test_two_random_walks_have_nothing_to_do_with_each_other(seed):
 
 
 @pytest.mark.parametrize("seed", [10, 13, 24])
-@pytest.mark.fast("10")
+@pytest.mark.slow
 def test_a_walk_that_follows_another_closely_does_not_respond_to_it(seed):
     """Seen: fit 60 to 70 % with coefficients of 3 to 7 stated errors, and no word."""
     rng = np.random.default_rng([seed, 91])

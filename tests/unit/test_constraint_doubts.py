@@ -76,7 +76,7 @@ RIGHT = [
 
 @pytest.mark.parametrize("knowledge", RIGHT)
 @pytest.mark.parametrize("pole", [0.0, 0.8])
-@pytest.mark.fast("0.8-knowledge3", "0.0-knowledge1")
+@pytest.mark.fast("0.0-knowledge1")
 def test_true_knowledge_raises_no_doubt(knowledge, pole):
     for seed in range(3):
         record = record_of(seed, 0.1, 12, pole)

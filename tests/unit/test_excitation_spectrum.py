@@ -103,6 +103,7 @@ def test_the_subset_of_interest_gets_the_power():
 
 
 @pytest.mark.parametrize("rate", [1e-6, 1e6])
+@pytest.mark.fast("1e-06")
 def test_time_scale_does_not_matter(rate):
     fast = TransferFunction([2.0 * rate**2], [1.0, rate, 9.0 * rate**2])
     best, other = optimal_spectrum(SECOND), optimal_spectrum(fast)

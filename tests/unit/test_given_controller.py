@@ -105,6 +105,7 @@ def test_the_likeliest_is_taken_and_told(made) -> None:
     assert found.loop.sampling == how.split(maxsplit=1)[0]
 
 
+@pytest.mark.slow
 def test_a_fixed_coefficient_stays_where_it_is() -> None:
     structure = Structure(2, 1, fixed={"a0": 4.0})
     record = sampled(4)[0]

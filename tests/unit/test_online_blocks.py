@@ -94,22 +94,22 @@ def compare(method: Any, structure: Structure, u: Any, y: Any) -> None:
 
 @pytest.mark.parametrize("name", METHODS)
 @pytest.mark.parametrize("kind", ["plain", "damaged"])
-@pytest.mark.fast("damaged-*", "plain-gradient", "plain-forgetting", "plain-complex filter")
+@pytest.mark.fast(
+    "damaged-searched",
+    "damaged-three models",
+    "plain-gradient",
+    "plain-forgetting",
+    "plain-complex filter",
+)
 def test_blocks_are_steps_for_every_estimator(name, kind):
-    compare(METHODS[name], STRUCTURES["auto"], *samples(1, 1, kind, 1000))
+    compare(METHODS[name], STRUCTURES["auto"], *samples(1, 1, kind, 700))
 
 
 @pytest.mark.parametrize("structure", STRUCTURES)
 @pytest.mark.parametrize("name", ["least squares", "forgetting", "three models"])
-@pytest.mark.fast(
-    "three models-proper",
-    "three models-equilibrium",
-    "three models-rest",
-    "least squares-*",
-    "forgetting-*",
-)
+@pytest.mark.fast("three models-equilibrium", "least squares-*", "forgetting-*")
 def test_blocks_are_steps_for_every_structure(name, structure):
-    compare(METHODS[name], STRUCTURES[structure], *samples(2, 2, "plain", 1000))
+    compare(METHODS[name], STRUCTURES[structure], *samples(2, 2, "plain", 700))
 
 
 @pytest.mark.parametrize("kind", ["coarse", "clipped", "resting", "changing"])
@@ -141,6 +141,7 @@ def test_blocks_are_steps_with_several_outputs():
 
 
 @pytest.mark.parametrize("name", ["forgetting", "three models"])
+@pytest.mark.fast("forgetting")
 def test_it_does_not_matter_where_a_record_is_cut(name):
     u, y = samples(6, 1, "damaged")
     method = METHODS[name]

@@ -273,6 +273,7 @@ def test_samples_and_blocks_are_the_same_stream_through_a_suspicion(key):
 
 # ------------------------------------------------------------------------------ coloured noise
 @pytest.mark.parametrize("key", ["least squares", "kalman"])
+@pytest.mark.fast("kalman")
 def test_the_bias_of_an_equation_error_in_coloured_noise_is_told(key):
     u, y = samples(14, 4000, noise=0.02)
     plain = METHODS[key].estimate(fed(METHODS[key], u, y))

@@ -252,7 +252,9 @@ def test_findings_of_samples_and_noise():
     estimate = online.run(online.ThreeModel(), Record(u, y, dt=DT), ASKED, every=1e9).estimate
     codes = {finding.code for finding in estimate.findings}
     assert {"noise-model", "stuck-sensor", "missing-samples"} <= codes
-    plain = online.run(online.ThreeModel(), Record(*samples(15), dt=DT), ASKED, every=1e9).estimate
+    plain = online.run(
+        online.ThreeModel(), Record(*samples(15, 1500), dt=DT), ASKED, every=1e9
+    ).estimate
     assert not [finding for finding in plain.findings if finding.matters]
 
 

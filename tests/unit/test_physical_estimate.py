@@ -78,7 +78,7 @@ EXACT = [
 
 
 @pytest.mark.parametrize(("model", "values", "dt", "known"), EXACT)
-@pytest.mark.fast("model0*", "model3*", "model5*")
+@pytest.mark.fast("model5*")
 def test_noise_free_records_give_the_truth(model, values, dt, known):
     estimate = estimate_physical(resting(model), flown(model, values, dt), WHITE, known=known)
     assert np.allclose(estimate.values, list(values.values()), rtol=1e-5)

@@ -103,7 +103,7 @@ def test_notes_are_those_worked_out_by_hand(name):
 
 @pytest.mark.parametrize("name", NOTES)
 @given(seed=st.integers(0, 10_000))
-@pytest.mark.fast("rc", "oscillator", "short period")
+@pytest.mark.fast("rc", "oscillator")
 def test_notes_hold_everywhere(name, seed):
     model, known, expected = NOTES[name]
     factors = np.exp(np.random.default_rng(seed).normal(size=len(model.names)))

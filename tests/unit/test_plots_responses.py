@@ -103,6 +103,7 @@ def test_channels_have_axes_of_their_own_and_one_axes_serves_a_single_channel(
 
 
 @pytest.mark.parametrize("picture", PICTURES)
+@pytest.mark.fast("step")
 def test_long_names_with_dollars_stay_in_the_figure(single, picture):
     names = ("elevator deflection $a_{ measured at the actuator of the left wing", "pitch $rate")
     estimate = with_model(single, *PLANTS["first order"], names=names)

@@ -39,6 +39,7 @@ def test_a_missing_zero_is_not_taken_for_noise(poles, n_samples):
 
 
 @pytest.mark.parametrize("seed", range(3))
+@pytest.mark.fast("0")
 def test_noise_of_a_right_model_is_noise(seed):
     plant = TransferFunction([1.0, 2.0], [1.0, 1.2, 4.0])
     record = stepped(plant, 600, (0.1, 0.9), seed)

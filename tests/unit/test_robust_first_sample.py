@@ -12,6 +12,7 @@ pytestmark = pytest.mark.unjudged
 
 @pytest.mark.parametrize("kind", ["step", "switched"])
 @pytest.mark.parametrize("loss", ["huber", "student"])
+@pytest.mark.fast("huber-switched", "student-step")
 def test_an_outlier_at_the_first_sample_does_not_mislead(kind, loss):
     rng = np.random.default_rng(0)
     u = np.ones(300) if kind == "step" else np.repeat(rng.choice([-1.0, 1.0], 60), 5)

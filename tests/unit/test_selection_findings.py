@@ -37,7 +37,10 @@ def in_a_loop():
     return Record(u, y, dt=step)
 
 
-@pytest.mark.parametrize(("record", "code"), [(spiked(), "bad-samples"), (in_a_loop(), "feedback")])
+@pytest.mark.parametrize(
+    ("record", "code"),
+    [(spiked(), "bad-samples"), pytest.param(in_a_loop(), "feedback", marks=pytest.mark.slow)],
+)
 def test_what_identify_would_say_of_it_is_said(record, code):
     found = select_structure(record, CANDIDATES)
     assert found.recommended is not None

@@ -73,6 +73,7 @@ def test_what_an_initial_state_explains_is_nobodys_merit():
     assert fair.own == pytest.approx(fair.other, rel=0.2)
 
 
+@pytest.mark.slow
 def test_a_level_of_t_holds_for_noise_that_remembers():
     rng = np.random.default_rng(4)
     false, keep, many = 0, np.exp(-1 / 20), 400

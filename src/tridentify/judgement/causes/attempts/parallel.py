@@ -24,6 +24,7 @@ from scipy.special import fdtrc
 from tridentify.models.operators import Kautz, Laguerre, apply_operators
 from tridentify.numerics.arrays import Array, Flags
 from tridentify.numerics.autoregression import Whitener, fit_autoregression, most_coefficients
+from tridentify.numerics.least_squares import triangle
 from tridentify.record.checks.times import typical_step
 from tridentify.record.record import Record
 
@@ -200,10 +201,16 @@ class Parallel:
             targets.append(white[seen, -1])
             plain.append(whole)
         first = sum(widths) + (extra[0].shape[1] if extra else 0) + beside.shape[1]
-        return [
-            self._solved(rows, targets, plain, first + n_inputs * order, scale, pole, order)
-            for order in orders
-        ]
+        target = np.concatenate(targets)
+        # fewer operators are leading columns: one triangle holds the fits of all numbers of them
+        reduced = triangle(np.column_stack([np.vstack(rows), target]))
+        found = []
+        for order in orders:
+            width = first + n_inputs * order
+            solution, rank, rss = _least_squares(reduced[:, :width], reduced[:, -1])
+            fitted = tuple(part[:, :width] @ solution for part in plain)
+            found.append(_fit(rss, rank, target.size, scale, fitted, pole, order))
+        return found
 
     def without_inputs(self) -> WhitenedFit:
         """Offset, state at the beginning and drift alone, on the best pole for them."""
@@ -224,26 +231,8 @@ class Parallel:
             targets.append(white[seen, -1])
         columns = [np.asarray(part) for part in scipy.linalg.block_diag(*rows)]
         matrix, target = np.asarray(columns), np.concatenate(targets)
-        solution, rank = _least_squares(matrix, target)
-        rss = float(np.sum((target - matrix @ solution) ** 2))
+        _, rank, rss = _least_squares(matrix, target)
         return _fit(rss, rank, target.size, scale, (), pole, 0)
-
-    def _solved(
-        self,
-        rows: Sequence[Array],
-        targets: Sequence[Array],
-        plain: Sequence[Array],
-        width: int,
-        scale: float,
-        pole: complex,
-        order: int,
-    ) -> WhitenedFit:
-        matrix = np.vstack([part[:, :width] for part in rows])
-        target = np.concatenate(targets)
-        solution, rank = _least_squares(matrix, target)
-        rss = float(np.sum((target - matrix @ solution) ** 2))
-        fitted = tuple(part[:, :width] @ solution for part in plain)
-        return _fit(rss, rank, target.size, scale, fitted, pole, order)
 
     def target(self, e: int) -> tuple[Array, Flags]:
         """Output with zeros where it is missing or comes too early, and where it is there."""
@@ -334,11 +323,13 @@ def _fit(
     return WhitenedFit(deviance, rank, count, rss, fitted, pole, order)
 
 
-def _least_squares(matrix: Array, target: Array) -> tuple[Array, int]:
+def _least_squares(matrix: Array, target: Array) -> tuple[Array, int, float]:
+    """Solution, rank and sum of squares left, with columns of one length."""
     norms = np.linalg.norm(matrix, axis=0)
     norms = np.where(norms > 0, norms, 1.0)
     solution, _, rank, _ = np.linalg.lstsq(matrix / norms, target, rcond=PARALLEL_CUTOFF)
-    return solution / norms, int(rank)
+    solution = solution / norms
+    return solution, int(rank), float(np.sum((target - matrix @ solution) ** 2))
 
 
 def with_noise_model(parallel: Parallel) -> tuple[Parallel, WhitenedFit]:
