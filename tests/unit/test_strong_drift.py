@@ -27,9 +27,14 @@ def drifting(model: TransferFunction, seed: int, moves: int) -> Record:
 
 @pytest.mark.slow
 def test_beside_one_pole_it_is_told_first():
-    first = identify(drifting(TransferFunction([2.0], [1.0, 2.0]), 2, 22), (1, 0)).findings[0]
+    """Where the noise is stated: by default it is estimated along, and nothing is left to tell."""
+    record = drifting(TransferFunction([2.0], [1.0, 2.0]), 2, 22)
+    first = identify(record, (1, 0), ThreeModel(noise="ar")).findings[0]
     assert first.code == "drift"
     assert "fit of y from" in first.effect
+    along = identify(record, (1, 0))
+    assert not along.findings
+    assert np.all(np.abs(along.theta - [2.0, 2.0]) < 4.0 * along.std)
 
 
 @pytest.mark.parametrize("seed", range(3))
