@@ -25,7 +25,7 @@ def load_compiled(activity: Activity) -> None:
     """Load the functions that every fit needs; the first time on a machine they are compiled."""
     from tridentify.estimation.machine_code import load_first
 
-    said = "loading compiled functions (compiled once per machine: 15 to 30 s)"
+    said = "loading compiled functions (compiled once per machine: 20 to 40 s)"
     with activity.brief_stage(said):
         load_first()
 

@@ -31,6 +31,7 @@ OTHERS_BESIDE = (
     "tridentify.estimation.posterior.compiled_triangles",
     "tridentify.numerics.kernels.crossing",
     "tridentify.numerics.kernels.long_recursions",
+    "tridentify.numerics.kernels.robust_fit",
 )
 """The same of what only some fits need."""
 
@@ -80,7 +81,11 @@ def load_first(
         say("starts")
         from tridentify.estimation.likelihood.compiled import curvature as compiled_curvature
         from tridentify.estimation.search import compiled_passes, compiled_starts
-        from tridentify.numerics.kernels import hats, robust_fit
+        from tridentify.numerics.kernels import hats
+
+        say("steps")
+        from tridentify.estimation.likelihood.compiled import descent as compiled_descent
+        from tridentify.estimation.likelihood.compiled import proposal as compiled_proposal
 
     from tridentify.estimation.likelihood.compiled import roots as compiled_roots
     from tridentify.estimation.likelihood.compiled import scatter as compiled_scatter
@@ -97,17 +102,17 @@ def load_first(
     small = polynomials, small_least_squares, small_eigenvalues
     numerics = recursions, *small, cascades, exponentials, triangles
     regression = compiled_regression, compiled_whitening
-    models = added_columns, hats, robust_fit, compiled_columns, compiled_steps, *regression
+    models = added_columns, hats, compiled_columns, compiled_steps, *regression
     cost = compiled_cost, compiled_scatter, compiled_fit, compiled_roots, compiled_curvature
     starts = compiled_starts, compiled_reduction, compiled_passes, compiled_beginning
-    return *numerics, *models, *cost, *starts
+    return *numerics, *models, *cost, *starts, compiled_proposal, compiled_descent
 
 
 def load_kernels(say: Callable[[str], None] = lambda what: None) -> tuple[ModuleType, ...]:
     """Compile what has not been compiled on this machine yet, and load it.
 
-    That is `load_first` and what only some fits need: coloured noise, missing samples, many steps,
-    uneven time, a posterior.
+    That is `load_first` and what only some fits need: coloured noise, missing samples, uneven time,
+    inputs that know of the disturbance, a posterior.
 
     Parameters
     ----------
@@ -121,18 +126,19 @@ def load_kernels(say: Callable[[str], None] = lambda what: None) -> tuple[Module
     """
     first = load_first(say, and_all=True)
     from tridentify.numerics import incomplete_kernels
-    from tridentify.numerics.kernels import crossing, driven, long_recursions, whitening
+    from tridentify.numerics.kernels import (
+        crossing,
+        driven,
+        long_recursions,
+        robust_fit,
+        whitening,
+    )
 
     say("posterior")
     from tridentify.estimation.posterior import compiled_triangles
 
-    say("steps")
-    from tridentify.estimation.likelihood.compiled import descent as compiled_descent
-    from tridentify.estimation.likelihood.compiled import proposal as compiled_proposal
-
-    numerics = incomplete_kernels, crossing, driven, long_recursions, whitening
-    steps = compiled_proposal, compiled_descent
-    return *first, *numerics, compiled_triangles, *steps
+    numerics = incomplete_kernels, crossing, driven, long_recursions, robust_fit, whitening
+    return *first, *numerics, compiled_triangles
 
 
 def _is_new(module: ModuleType) -> bool:

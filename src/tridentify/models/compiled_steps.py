@@ -110,8 +110,11 @@ def parallel_fit(
     """
     n_experiments, n_outputs = which.shape
     n_inputs, n_groups, extra = group.shape[1], widths.size, 1 if biproper else 0
-    places = np.cumsum(widths) - widths
-    beta = np.zeros((n_outputs, n_inputs, widths.sum() + extra))
+    places, wide = np.empty_like(widths), 0
+    for g in range(n_groups):
+        places[g] = wide
+        wide += widths[g]
+    beta = np.zeros((n_outputs, n_inputs, wide + extra))
     rows, direct = np.zeros((n_outputs, n_inputs, q)), np.zeros((n_outputs, n_inputs))
     started = np.zeros((n_experiments, n_outputs, q))
     costs, condition = np.zeros(n_outputs), 1.0

@@ -8,13 +8,15 @@ therefore imported where it is needed, not with the package.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
+import gc
+from collections.abc import Callable, Iterator
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
 from llvmlite import binding
+from numba.core.compiler import Flags
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -91,7 +93,10 @@ def compiled(
             found._cache._cache_file._source_stamp = _stamp()
         except (AttributeError, RuntimeError):  # no folder can hold it, or another numba
             found = numba.njit(**options)(function)
-        found.compile(signature)
+        with contextlib.suppress(AttributeError):  # another numba
+            found._compiler._customize_flags = _SameCallees
+        with _no_collections():
+            found.compile(signature)
         found.disable_compile()
         if not inline and not linked:
             with contextlib.suppress(AttributeError, NameError, RuntimeError):  # another numba
@@ -100,6 +105,32 @@ def compiled(
         return cast(Function, found)
 
     return wrap
+
+
+class _SameCallees(Flags):  # type: ignore[misc]
+    """How a function is compiled, equal where what it calls of numba's is to be the same.
+
+    numba compiles what it has of `numpy` anew for callers that differ in any option, even in how
+    Python calls them.
+    """
+
+    OF_THE_CALLER = frozenset({"release_gil", "no_cpython_wrapper", "no_cfunc_wrapper"})
+
+    def values(self) -> dict[str, Any]:
+        """Values of the other options; asked for at each call that is compiled."""
+        return {k: v for k, v in self._values.items() if k not in self.OF_THE_CALLER}
+
+
+@contextlib.contextmanager
+def _no_collections() -> Iterator[None]:
+    """No search for garbage among all that the compiler holds: a tenth of its time."""
+    was = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was:
+            gc.enable()
 
 
 def _call_by_address(library: Any, descriptor: Any) -> None:

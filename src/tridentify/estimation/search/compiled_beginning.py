@@ -31,6 +31,16 @@ CHOICES = "Tuple((boolean[::1], int64[:,::1], float64[:,:,::1]))"
 and ramp it keeps, and -1 for none; constants put back on the inputs of every experiment."""
 
 
+@compiled("boolean(float64[:,::1])", inner=True)
+def any_is_set(constants: Array) -> bool:
+    """Whether any constant is not zero."""
+    found = False
+    for e in range(constants.shape[0]):
+        for j in range(constants.shape[1]):
+            found = found or constants[e, j] != 0.0
+    return found
+
+
 @compiled(
     "float64[:,:,:,::1](int64[:,::1], float64[:,:,:,::1], float64[:,:,::1], float64[:,::1],"
     " float64[:,::1], int64)",
@@ -42,10 +52,10 @@ def shifted(
     """The triangles of several banks with constants put back on the inputs of every experiment."""
     found = stack.copy()
     for c in range(table.shape[0]):
-        own = constants[table[c, 0]]
-        if np.any(own != 0.0):
+        own = table[c, 0]
+        if any_is_set(constants[own : own + 1]):
             for k in range(len(b)):
-                shift_inputs(found[k, c], a[k], b[k], own, b.shape[1] * inputs)
+                shift_inputs(found[k, c], a[k], b[k], constants[own], b.shape[1] * inputs)
     return found
 
 
@@ -94,7 +104,7 @@ def ranked(
     first = q * (n_inputs + leading) + n_inputs
     for v in range(frees.size):
         seen = stack
-        if np.any(constants[v] != 0.0):
+        if any_is_set(constants[v]):
             seen = shifted(charts[0], stack, a, b, constants[v], n_inputs + leading)
         columns = np.full((1, kept.shape[1]), -1, np.int64)
         for c in range(kept.shape[1]):
@@ -161,7 +171,7 @@ def begun(
     k, v = int(best[0]), int(best[1])
     frees, kept, constants = choices
     which, place, numbers, firsts, group, zeros, leading = shape[:7]
-    is_shifted = np.any(constants[v] != 0.0)
+    is_shifted = any_is_set(constants[v])
     nuisance = kept[v][kept[v] >= 0]
     added = constants[v].copy() if is_shifted else np.zeros((0, 0))
     own = which, place, numbers, firsts, group, zeros, leading, frees[v], nuisance, added

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tridentify.models.compiled_columns import add_combined, leads_to
+from tridentify.models.compiled_columns import add_combined, largest, leads_to
 from tridentify.models.compiled_steps import parallel_fit
 from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.numerics.compiled import compiled
@@ -75,7 +75,11 @@ def truncated(a: Array, rows: Array, n: int) -> Complex:
             for c in range(len(rows)):
                 square[i, j] += rows[c, i] * rows[c, j]
     gramian = observability(own, square)
-    _, vectors = np.linalg.eigh(0.5 * (gramian + gramian.T))
+    for i in range(k):
+        for j in range(i + 1):
+            gramian[i, j] = 0.5 * (gramian[i, j] + gramian[j, i])
+            gramian[j, i] = gramian[i, j]
+    _, vectors = np.linalg.eigh(gramian)
     small = np.zeros((n, n))
     for i in range(k):
         for c in range(n):
@@ -318,7 +322,7 @@ def reductions(
                 together = found
             else:
                 alone = np.concatenate((alone, found))
-    if order >= orders.max():
+    if order >= largest(orders):
         for g in range(n_groups):
             scaled = np.zeros((group.size, order))
             for i in range(n_outputs):

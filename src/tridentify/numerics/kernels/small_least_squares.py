@@ -74,4 +74,8 @@ def solve_small(matrix: Array, target: Array) -> tuple[Array, float, float, Arra
         residual[i] = target[i] - fitted
         cost += residual[i] * residual[i]
     condition = s[0] / s[-1] if s[-1] > 0.0 else np.inf
-    return x, cost, condition, np.ascontiguousarray(u[:, :rank]), residual
+    basis = np.empty((m, rank))
+    for i in range(m):
+        for k in range(rank):
+            basis[i, k] = u[i, k]
+    return x, cost, condition, basis, residual

@@ -175,14 +175,16 @@ def cost_there(
     bank, stack, _, _, linear = fit_there(charts, shape, poles, 2)
     a, b, _, _, maps = bank
     rows, direct, started, costs, conditions, _, _, _, bases, ranks, residuals = linear
-    weights = np.empty(counts.size)
+    weights, condition = np.empty(counts.size), 0.0
+    for i in range(counts.size):
+        condition = max(condition, conditions[i])
     objective = weigh_outputs(costs, counts, floors, weights)
     found = scores_at(
         stack, shape[0], leading, free, orders, firsts, group, 2, a, b, maps, rows, direct, started,
         bases, ranks, residuals, weights, 0,
     )  # fmt: skip
     theta = coefficients_of(poles, rows, direct, orders, firsts, group, zeros, 2)
-    return (costs, *found), objective, conditions.max(), theta
+    return (costs, *found), objective, condition, theta
 
 
 @compiled(
