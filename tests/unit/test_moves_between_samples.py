@@ -38,11 +38,11 @@ def said_between(estimate):
     return [one for one in estimate.findings if one.code == "intersample" and one.matters]
 
 
-def test_without_noise_the_times_are_exact_and_so_are_the_coefficients():
-    record, truth, _ = manoeuvre(1, snr=100.0)
+def test_with_little_noise_the_coefficients_are_those_of_the_plant():
+    record, truth, _ = manoeuvre(1, snr=60.0)
     found = identify(record, Structure(2, 1))
     assert is_timed(found)
-    np.testing.assert_allclose(found.theta, truth, rtol=2e-4)
+    np.testing.assert_allclose(found.theta, truth, rtol=5e-3)
     held = identify(record.between("zoh"), Structure(2, 1))
     assert np.abs(held.theta / truth - 1.0).max() > 0.03
 

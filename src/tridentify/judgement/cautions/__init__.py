@@ -82,8 +82,8 @@ def judged(
         # other behaviours let an output follow the sample to come, and an input move within a gap:
         # the tests compared both
         found = [one for one in found if one.code != "intersample"]
-    if any(one.code == "intersample" for one in tested):
-        found = [one for one in found if one.kind != "between"]  # said with its company
+    if any(one.kind == "between" for one in tested):
+        found = [one for one in found if one.code != "intersample"]  # fitted beside all else
     tested += opposite_findings(estimate, records, [*found, *tested])
     found = _beside_better(found, tested)
     loop = about_loop(estimate, records, tested)

@@ -39,6 +39,8 @@ from tridentify.judgement.causes.timing.moves import (
     times_told,
 )
 from tridentify.numerics.arrays import Array, Indices
+from tridentify.numerics.autoregression import whiten
+from tridentify.numerics.whiteness import is_white
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 
@@ -73,8 +75,19 @@ class Timed(NamedTuple):
 
     @property
     def is_clear(self) -> bool:
-        """Whether the record says so."""
-        return self.fall > max(UNDECIDED, MATERIAL_STAIRCASE * self.end.count)
+        """Whether the record says so, and no shift of all of them explains as much."""
+        least = max(UNDECIDED, MATERIAL_STAIRCASE * self.end.count)
+        return self.told.alike > UNDECIDED and self.fall > least
+
+    @property
+    def leaves_noise(self) -> bool:
+        """Whether white noise is left: of a misfit, times of their own take up a share alone."""
+        noise = self.end.point.problem.noise
+        for i, own in enumerate(self.end.residuals()[0].T):
+            a = noise[i] if noise else np.zeros(0)
+            if not is_white([whiten(own, a)[0] if a.size else own]):
+                return False
+        return True
 
 
 def times_beside(estimate: Estimate, records: Sequence[Record]) -> Timed | None:
@@ -144,8 +157,9 @@ def with_times(
         # what the moves left had passed for noise with memory
         found = _timed(again, own[0], moves_of(own[0]), -np.inf) or found
         again = method.estimate([found.record], structure, progress)
-    if not again.status.ok:
-        return estimate, own
+    if not again.status.ok or again.errors == "scores":
+        # times of their own take up a share of any misfit: what is left then is no noise
+        return _said(estimate, _open_question(estimate, own[0], found)), own
     cov, draws = widened_by(again.cov, again.draws, list(found.told.tied.T))
     step = float(own[0].dt or 0.0)
     decision = DecisionKind.MOVES_TIMED.told(
@@ -192,7 +206,7 @@ def beside_stated_moves(estimate: Estimate, records: Sequence[Record]) -> Estima
         Those that were identified.
     """
     found = times_beside(estimate, records)
-    if found is None or not found.is_clear:
+    if found is None or not (found.is_clear and found.leaves_noise):
         return estimate
     return _said(estimate, _moved_between(estimate, records[0], found))
 
@@ -210,7 +224,7 @@ def _moved_between(estimate: Estimate, record: Record, found: Timed) -> tuple[Fi
             "record the input faster.",
             effect=f"With it: {estimate.names[k]} from {before:.4g} to {after:.4g} ({size:.1f} "
             f"standard errors), {fit} %.",
-            kind="between",
+            kind="alone",
         ),
     )
 
