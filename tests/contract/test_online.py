@@ -276,7 +276,7 @@ def test_running_is_folding_bit_for_bit(key, case, walked, tmp_path):
 
 
 @every_method
-@pytest.mark.fast("kalman", "least squares")
+@pytest.mark.fast("gradient", "kalman", "least squares")
 def test_the_trajectory_is_that_of_the_fold(key):
     case = CASES["one zero"]
     method, record = METHODS[key](case.dt), case.record(noise=0.05, n_samples=1000)

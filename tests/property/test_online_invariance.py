@@ -105,7 +105,7 @@ def test_any_chunking_is_the_same_stream(key, seed, cuts, gaps, tmp_path_factory
 @every_method
 @FEW
 @given(seed=SEED, later=st.integers(510, 990))
-@pytest.mark.fast("three-model", "least squares, filter")
+@pytest.mark.fast("three-model", "least squares, filter", "gradient")
 def test_what_comes_later_does_not_change_what_was_said(key, seed, later):
     """Causal: the trajectory up to a sample does not know the samples after it."""
     u, y = signals(seed)

@@ -61,7 +61,7 @@ MOVES = 16
 EARLIER = 0.5
 """Mean of how much earlier a move came, over the interval in which it was not looked at."""
 
-SPREAD = 1.0 / np.sqrt(12.0)
+EVENLY_SPREAD = 1.0 / np.sqrt(12.0)
 """Its standard deviation, evenly spread."""
 
 
@@ -187,9 +187,8 @@ def times_told(
     rows, e = both.reshape(-1, both.shape[-1]), left.reshape(-1)
     g, c = rows[:, :k], rows[:, k:]
     tied = g.T @ c
-    # offsets and states beside the coefficients
     d = c - g @ tied
-    mean, size = EARLIER * every, SPREAD * every
+    mean, size = EARLIER * every, EVENLY_SPREAD * every
     away = early - mean
     precision = d.T @ d + np.eye(jumps.size) / size**2
     toward = d.T @ e - away / size**2
