@@ -9,7 +9,8 @@ what is slower than its wiggles. Where the curve is rough, as a random walk is, 
 serves better, and AICc, which counts the terms of both, says which of the two it is.
 
 It is looked for only where white weights leave a residual that is not white, and part of it slow:
-a right model in white noise has none to pay for.
+a right model in white noise has none to pay for; or where a pole is about as slow as the record,
+which may have taken the disturbance for its own response and left nothing of it.
 """
 
 from __future__ import annotations
@@ -30,21 +31,28 @@ from tridentify.estimation.methods.around_maximum.turns import criterion_with_no
 from tridentify.models.columns import drift_columns
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.whiteness import is_white
+from tridentify.record.checks.orders import HIGHEST_DRIFT
 
-HIGHEST = 6
-"""Highest degree that is tried; a drift that is found is below it. More wiggles are noise, or a
-response."""
+HIGHEST = HIGHEST_DRIFT + 1
+"""Highest degree that is tried; a drift that is found is below it. A swing of one and a half
+periods, thirty times as large as the noise, needs the ninth."""
 PER_DEGREE = 25
 """Samples for each degree: with fewer a polynomial follows responses as well as drifts."""
 SLOW = 0.05
 """Share of a residual's power that polynomials explain from which one is tried; white noise of 300
-samples leaves 0.02 of it."""
+samples leaves 0.04 of it."""
+BESIDE = 10.0
+"""Size of a pole [rad in the record's duration] below which it may stand for a disturbance: one and
+a half periods over the record, or a tenth of it as a time constant."""
 
 BEYOND = 8.0
 """Wiggles of a polynomial where noise that is none of its kind has its level: what wanders as a
 random walk is sixty-four times weaker there."""
 FALLS = 2.0
 """Density of slow noise over that level from which a polynomial has left part of a wandering."""
+MISSED = 60.0
+"""AICc by which a drift beside such noise must be better all the same: of 24 random walks whose
+response was found without a drift none was above 52, and where it was missed the drift was."""
 
 
 def drifting(question: Question, white: Maximum) -> Question | None:
@@ -61,7 +69,7 @@ def drifting(question: Question, white: Maximum) -> Question | None:
     stated = question.structure.drift is not False or not all(
         choice.offset for choice in question.choices[-1:]
     )
-    if most < 1 or stated or at_rounding(point) or not _wanders(point, most):
+    if most < 1 or stated or at_rounding(point) or not (_wanders(point, most) or _is_slow(point)):
         return None
     choices = tuple(
         replace(choice, drift=degree)
@@ -92,12 +100,19 @@ def _wanders(point: Point, degree: int) -> bool:
     return False
 
 
+def _is_slow(point: Point) -> bool:
+    """Whether a pole is so slow that it may stand for a disturbance."""
+    longest = max(e.duration for e in point.problem.experiments)
+    return bool(np.abs(point.poles).min(initial=np.inf) * longest < BESIDE)
+
+
 def smooth(open_: Question, drifted: Maximum, plain: Maximum) -> Maximum | None:
     """The end with a drift if it explains the record clearly better, and leaves nothing rough.
 
     A polynomial follows a wandering disturbance, too, as far as its degree goes, and its terms then
     pass for known where they are but the slowest part of a noise. So it must not be of the highest
-    degree tried, and the noise beside it no stronger up to a few of its own wiggles than beyond.
+    degree tried, and the noise beside it no stronger up to a few of its own wiggles than beyond;
+    unless the end without it is so much less likely that it must have missed the response.
 
     Parameters
     ----------
@@ -112,10 +127,9 @@ def smooth(open_: Question, drifted: Maximum, plain: Maximum) -> Maximum | None:
     if not 0 < degree < max(choice.drift for choice in open_.choices):
         return None
     longest = max(e.n_samples for e in point.problem.experiments)
-    if any(_is_rough(a, (degree + 1) / longest) for a in point.problem.noise if a.size):
-        return None
+    rough = any(_is_rough(a, (degree + 1) / longest) for a in point.problem.noise if a.size)
     gain = criterion_with_noise(plain.end.point) - criterion_with_noise(point)
-    if gain <= CLEARLY:
+    if gain <= (MISSED if rough else CLEARLY):
         return None
     words = f" (degree {degree}): AICc lower by {gain:.3g} than with noise alone"
     return drifted.told(DecisionKind.SLOW_DRIFT.told(words))
