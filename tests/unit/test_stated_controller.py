@@ -22,11 +22,19 @@ LAWS = {
 """Lead; each in continuous time."""
 
 
-def loop(name: str, sampled: bool, seed: int = 1, count: int = 200, noise: float = 0.02) -> Record:
+def loop(
+    name: str,
+    sampled: bool,
+    seed: int = 1,
+    count: int = 200,
+    noise: float = 0.02,
+    stays: int = 0,
+) -> Record:
     """Step by step on a fine grid, every step an exponential; ``u = -C (y + v) + r``.
 
     The noise moves between the samples, and a sampled controller holds what it made of one. One
     that is not is a computer with `FINE` steps a sample, so that ``a1`` is off as continuous, too.
+    With ``stays`` the noise stays as it is for so many samples.
     """
     a, b, c, _ = companion(*(UNSTABLE if name == "unstable" else STABLE))
     e, f, g, d = LAWS[name]
@@ -35,6 +43,8 @@ def loop(name: str, sampled: bool, seed: int = 1, count: int = 200, noise: float
     own = expm(np.block([[e, f[:, None]], [np.zeros((1, len(e) + 1))]]) * (DT if sampled else step))
     r = binary(count, 8, seed)
     v = lfilter([1.0], [1.0, -0.7], np.random.default_rng(seed).standard_normal(count * FINE))
+    if stays:
+        v = np.repeat(v[::FINE][: count // stays + 1], stays * FINE)
     x, z, u, y = np.zeros(n), np.zeros(len(e)), np.empty(count), np.empty(count)
     for k in range(count):
         for j in range(FINE):
@@ -79,13 +89,26 @@ def test_continuous_and_stated_as_sampled(seed):
     assert one.severity == "warning"
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_noise_that_stays_for_samples_leaves_a_rule_that_is_too_long(seed):
+    """Of a continuous controller; that of a sampled one is as short as ever."""
+    told, off = said("stable", False, "sampled", seed=seed, count=600, noise=0.01, stays=3)
+    assert off > 3.0
+    [one] = [one for one in told if "stated as sampled" in one.message]
+    assert one.severity == "warning"
+    assert "standard errors" in one.effect
+    told, _ = said("stable", True, "sampled", seed=seed, count=600, noise=0.01, stays=3)
+    assert not any("stated" in one.message for one in told)
+
+
 @pytest.mark.parametrize("sampled", [True, False])
 def test_what_the_input_shows_of_it(sampled):
     record = loop("stable", sampled, count=150)
     kinds = {kind: assumed(kind, [record], Structure(2, 0)) for kind in ("sampled", "continuous")}
     assert all(one.stated for one in kinds.values())
     assert bool(kinds["continuous"].against) is sampled
-    assert (kinds["sampled"].missing != "") is not sampled
+    assert (kinds["sampled"].missing is not None) is not sampled
 
 
 @pytest.mark.slow

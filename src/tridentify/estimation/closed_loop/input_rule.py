@@ -95,6 +95,7 @@ class InputRule(Enum):
     SAMPLED = "the input follows from the recorded samples to the last digit"
     HELD = "the input stays as it is for several samples, at regular intervals"
     STATIC = "the input follows from the sample at the same time"
+    LONGER = "the input follows from more recorded samples than the plant has poles"
     NONE = "the input does not follow from the recorded samples"
     UNSEEN = "what made the input is not linear, or not recorded whole"
     UNKNOWN = "the records do not tell whether the input follows from their samples"
@@ -202,6 +203,8 @@ def _rule(record: Record, j: int, few: int) -> InputRule:
     longer, least = holds(LAGS)
     if shorter and left <= SHARPER * least:
         return InputRule.SAMPLED
+    if longer and not (shorter is None or left <= SHARPER * least):
+        return InputRule.LONGER
     if shorter or longer is not False:
         return InputRule.UNKNOWN
     return InputRule.NONE if least < NEARLY * beyond else InputRule.UNSEEN

@@ -76,14 +76,9 @@ def judged(
         found += gain_findings(estimate, records, known)
     seen = [*outlier_findings(estimate, records, known)]
     found += response_as_noise(estimate)
-    found += [] if between is None else intersample_findings(estimate, between)
     tested = list(looked_at(estimate, records, known)) if estimate.status.ok else []
-    if any(one.matters and _acts_early(one) for one in tested):
-        # other behaviours let an output follow the sample to come, and an input move within a gap:
-        # the tests compared both
-        found = [one for one in found if one.code != "intersample"]
-    if any(one.kind == "between" for one in tested):
-        found = [one for one in found if one.code != "intersample"]  # fitted beside all else
+    if between is not None and not any(_moves_between(one) for one in tested):
+        found += intersample_findings(estimate, between)
     tested += opposite_findings(estimate, records, [*found, *tested])
     found = _beside_better(found, tested)
     loop = about_loop(estimate, records, tested)
@@ -128,9 +123,14 @@ def judged(
     return joined(made, *(beside_lines(part, made) for part in parts))
 
 
-def _acts_early(one: Finding) -> bool:
-    """Whether an output seems to follow the sample to come for another reason."""
-    return one.code in ("feedback", "lost-rows", "filtered") or one.kind == "clocks"
+def _moves_between(one: Finding) -> bool:
+    """Whether a cause was compared with other behaviours of the input between its samples.
+
+    They let an output follow the sample to come, and an input move within a gap. What the reference
+    route says of the controller there is no such behaviour, and stays.
+    """
+    early = one.code in ("feedback", "lost-rows", "filtered") or one.kind == "clocks"
+    return (early and one.matters) or one.kind == "between"
 
 
 def _beside_better(found: Sequence[Finding], tested: Sequence[Finding]) -> list[Finding]:

@@ -62,12 +62,6 @@ DRIVEN = 10.0
 it: sines do 67 and more (101 random loops), three in four references that drive nothing less."""
 MISSED = 1e-3
 """Probability of taking noise for what is left of the response."""
-_MISSING: dict[InputRule, Literal["", "note", "warning"]] = {
-    InputRule.NONE: "warning",
-    InputRule.UNSEEN: "note",
-}
-"""A sampled controller without a rule: continuous then, or its input was measured with noise; or it
-is not linear, or reads what is not recorded, which is no evidence."""
 
 
 def check_controller(controller: object) -> None:
@@ -101,8 +95,8 @@ class Assumed:
         Whether the other kind is as likely for all that is known.
     against : str
         What the input shows against a kind that was stated; empty where nothing does.
-    missing : {"", "note", "warning"}
-        How much it matters that the input lacks what it mostly shows of a kind that was stated.
+    missing : InputRule, optional
+        What the input shows in place of the rule that it mostly shows of a kind that was stated.
     """
 
     sampling: Sampling
@@ -110,7 +104,7 @@ class Assumed:
     why: str = ""
     even: bool = False
     against: str = ""
-    missing: Literal["", "note", "warning"] = ""
+    missing: InputRule | None = None
 
     @property
     def stated(self) -> bool:
@@ -131,12 +125,12 @@ def assumed(controller: Controller, records: Sequence[Record], structure: Struct
     if isinstance(controller, TransferFunction):
         return Assumed("continuous", True)
     rule = input_rule(records, int(np.max(np.asarray(structure.poles))))
+    seen = rule in (InputRule.SAMPLED, InputRule.HELD)
     if controller == "continuous":
-        on_samples = rule in (InputRule.SAMPLED, InputRule.HELD)
-        return Assumed(controller, True, against=rule.value if on_samples else "")
+        return Assumed(controller, True, against=rule.value if seen else "")
     if controller == "sampled":
-        return Assumed(controller, True, missing=_MISSING.get(rule, ""))
-    if rule in (InputRule.SAMPLED, InputRule.HELD):
+        return Assumed(controller, True, missing=None if seen else rule)
+    if seen:
         return Assumed("sampled", True, f": {rule.value}")
     held = all(record.behaviour == "zoh" for record in records)
     unruled = rule in (InputRule.NONE, InputRule.UNSEEN)

@@ -196,10 +196,12 @@ def reference_estimate(
     elif not taken.certain:
         found, told, findings, moved = _either(found, taken, asked.structure, near, say)
     findings = (*following_findings(found), *findings)
-    findings += findings_as_stated(found, taken, partial(_other, found, asked.structure, near, say))
+    white = found
     if coloured is not None:
         found = _with_noise_model(found, asked.structure, coloured, say)
     found, wider, hanging = _with_all_errors(found, moved)
+    rival = partial(_other, white, asked.structure, near, say)
+    findings += findings_as_stated(white, found.estimate, taken, rival)
     told, findings = "; ".join((told, *wider)), (*findings, *hanging)
     if known is not None:
         given = by_likelihood(found, how, coloured is not None, say)

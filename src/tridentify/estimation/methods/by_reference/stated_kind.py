@@ -7,8 +7,10 @@ over several of them for all to see (`closed_loop.input_rule`), against a contin
 a residual that follows the reference as stated, and does not under the other kind
 (`controller_kind`), against either. Against a sampled one speaks, less clearly, an input that
 follows from no samples: one that was measured, and not taken from the controller, carries noise of
-its own. Then what the other kind makes of the coefficients is found too, and how far it is away is
-said.
+its own. Where the samples do not tell (`InputRule`: a rule longer than a sampled controller needs,
+as noise that is held for several samples leaves of a continuous one; none that needs memory), the
+residual is asked, and what hangs on it said. Then what the other kind makes of the coefficients is
+found too, and how far it is away is said, in errors of the answer: those with the noise modelled.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding, Severity
 from tridentify.estimation.closed_loop.between_samples import IN_WORDS
 from tridentify.estimation.closed_loop.driven import COARSE, Driven, driven
+from tridentify.estimation.closed_loop.input_rule import InputRule
 from tridentify.estimation.closed_loop.unstable_answer import NotStable, unstable_estimate
 from tridentify.estimation.methods.by_reference.controller_kind import (
     APART,
@@ -32,16 +35,26 @@ from tridentify.estimation.methods.by_reference.controller_kind import (
     opposite,
 )
 from tridentify.estimation.methods.by_reference.passes import Rooted
+from tridentify.numerics.arrays import Array
 
 NOTED = 1.0
 """Difference of the coefficients under either kind [stated standard errors] up to which a wrong
 statement does no harm beyond the interval."""
 FOLLOWS = "what it leaves of the output follows the reference, and what a {} one leaves does not"
 WITHOUT_RULE = "no rule of the recorded samples makes the input, nor nearly"
+UNTOLD = "the recorded samples do not tell"
+MISSING: dict[InputRule, tuple[str, Severity]] = {
+    InputRule.NONE: (WITHOUT_RULE, "warning"),
+    InputRule.UNSEEN: (WITHOUT_RULE, "note"),
+    InputRule.LONGER: (InputRule.LONGER.value, "warning"),
+}
+"""A sampled controller without a rule: continuous then, or its input was measured with noise; or it
+is not linear, or reads what is not recorded, which is no evidence. One whose rule is longer than
+the plant's order: continuous in noise that is held for several samples, or of a higher order."""
 
 
 def findings_as_stated(
-    found: Rooted, taken: Assumed, other: Callable[[], Rooted]
+    found: Rooted, answer: Estimate, taken: Assumed, other: Callable[[], Rooted]
 ) -> tuple[Finding, ...]:
     """What is to be said of a kind that was stated, of a stable plant.
 
@@ -49,6 +62,8 @@ def findings_as_stated(
     ----------
     found : Rooted
         The root for the kind that was stated, for white noise.
+    answer : Estimate
+        With its errors, and the noise modelled.
     taken : Assumed
     other : callable
         Gives the root for the other kind.
@@ -58,12 +73,16 @@ def findings_as_stated(
     try:
         rival = other()
     except TridentifyError:
-        return _said(taken, found.estimate, None, follows=False)
-    end = rival.estimate if rival.still else None
+        return _said(taken, answer, None, follows=False)
     follows = False
-    if not taken.against and found.still and end is not None:
-        follows = compared(found, rival, replace(taken, certain=False)).turned
-    return _said(taken, found.estimate, end, follows=follows)
+    if not taken.against and found.still and rival.still:
+        even = taken.missing not in (InputRule.NONE, InputRule.UNSEEN)
+        seen = compared(found, rival, replace(taken, certain=False, even=even))
+        if even and not (seen.turned or seen.findings):
+            return ()  # the record speaks against the other kind, or nothing hangs on it
+        follows = seen.turned
+    away = rival.estimate.theta - found.estimate.theta if rival.still else None
+    return _said(taken, answer, away, follows=follows)
 
 
 def not_stable_as_stated(
@@ -98,27 +117,30 @@ def not_stable_as_stated(
     others = [driven(record, between=kind == "continuous") for record in asked.records]
     other = unstable_estimate(others, kind, asked, coloured, say)
     follows = follows and other is not None and not other.follows
-    end = None if other is None else other.estimate
-    said = _said(taken, found.estimate, end, follows=follows)
     estimate = found.estimate
+    away = None if other is None else other.estimate.theta - estimate.theta
+    said = _said(taken, estimate, away, follows=follows)
     return replace(found, estimate=replace(estimate, findings=(*estimate.findings, *said)))
 
 
 def _said(
-    taken: Assumed, mine: Estimate, other: Estimate | None, *, follows: bool
+    taken: Assumed, mine: Estimate, away: Array | None, *, follows: bool
 ) -> tuple[Finding, ...]:
-    """What the record shows against the kind that was stated, and how much hangs on it."""
+    """What the record shows against the kind that was stated, and how much hangs on it.
+
+    ``away`` is how far the other kind moves the coefficients.
+    """
     kind = opposite(taken.sampling)
-    moved, effect = (0.0, "") if other is None else _difference(mine, other, IN_WORDS[kind])
+    moved, effect = (0.0, "") if away is None else _difference(mine, away, IN_WORDS[kind])
     severity: Severity = "warning"
     if taken.against:
         shown = taken.against
-        if other is not None:
+        if away is not None:
             severity = "error" if moved > APART else "warning" if moved > NOTED else "note"
     elif follows:
         shown = FOLLOWS.format(kind)
     elif taken.missing and moved > APART:
-        shown, severity = WITHOUT_RULE, taken.missing
+        shown, severity = MISSING.get(taken.missing, (UNTOLD, "note"))
     else:
         return ()
     return (
@@ -132,12 +154,12 @@ def _said(
     )
 
 
-def _difference(mine: Estimate, other: Estimate, rival: str) -> tuple[float, str]:
+def _difference(mine: Estimate, away: Array, rival: str) -> tuple[float, str]:
     """Of the coefficient that moves most [stated standard errors], and in words."""
     size = mine.std + 1e-12 * np.abs(mine.theta) + 1e-300
-    moved = np.where(mine.std > 0.0, np.abs(other.theta - mine.theta) / size, 0.0)
+    moved = np.where(mine.std > 0.0, np.abs(away) / size, 0.0)
     k = int(np.argmax(moved))
     return float(moved[k]), (
-        f"As {rival}, {mine.names[k]} is {other.theta[k]:.4g} in place of "
+        f"As {rival}, {mine.names[k]} is {mine.theta[k] + away[k]:.4g} in place of "
         f"{mine.theta[k]:.4g} ({moved[k]:.2g} standard errors)."
     )
