@@ -79,6 +79,28 @@ def test_play_before_three_levels_is_told(seed):
     assert "play or dry friction of" in found.message
 
 
+def scheduled(share, seed, n=320):
+    """A lag of a second whose gain changes with the output, or does not."""
+    rng = np.random.default_rng(seed)
+    u, dt, h = np.repeat(rng.uniform(-1.0, 1.0, n // 8), 8), 0.15, 0.005
+    y, here = np.empty(n), 0.0
+    for k in range(n):
+        y[k] = here
+        for _ in range(round(dt / h)):
+            here += h * (u[k] * (1.0 + share * here) - here)
+    return Record(u, y + 0.05 * np.std(y) * rng.standard_normal(n), dt=dt)
+
+
+@pytest.mark.parametrize("seed", range(1, 8))
+@pytest.mark.slow
+def test_a_gain_that_changes_with_the_output_is_told(seed):
+    asked = Structure(1, 0, initial_state="rest", offset=False)
+    found = first_of(scheduled(0.5, seed), asked)
+    assert found.code == "nonlinear"
+    assert "a gain of the input u that changes with the output y" in found.message
+    assert first_of(scheduled(0.0, seed), asked) is None
+
+
 def test_play_moves_only_what_it_touches():
     x = np.array([0.0, 1.0, 2.0, 1.8, 1.5, np.nan, 1.0, 2.5])
     found = play(x, np.array([0.0, 0.5]), 0.0)

@@ -15,6 +15,8 @@ Identification*, 2013).
 unknown, those beyond several quantiles are added. An actuator likewise, through the model; what
 follows an input at a limited rate stays behind it.
 
+*A gain that changes with the output.* The response of the model to ``u y``, about their means.
+
 *Play.* What a gap takes from an input (`system.backlash`), through the model.
 
 *A late or smoothed input.* The response of the model to each input, some samples later.
@@ -107,6 +109,7 @@ def bends(view: View, output: int, estimate: Estimate) -> list[Columns]:
     limited: list[Asked] = []
     rates: list[Asked] = []
     plays: list[Asked] = []
+    scheduled: list[Asked] = []
     for j in range(records[0].n_inputs):
         own = _channel(estimate, output, j)
         recorded = [np.asarray(record.u[:, j]) for record in records]
@@ -115,9 +118,11 @@ def bends(view: View, output: int, estimate: Estimate) -> list[Columns]:
         if np.unique(np.concatenate(u)).size >= LEVELS:
             limited.append((own, _limits(u, INPUT_TAILS)))
             rates.append((own, _behind(recorded)))
+        products = [(x * y)[:, None] for x, y in zip(u, shapes, strict=True)]
+        scheduled.append((own, products))
         taken = taken_by_gaps(recorded)
         plays += [] if taken is None else [(own, taken)]
-    kinds += [several for several in (powers, limited, rates, plays) if several]
+    kinds += [several for several in (powers, limited, rates, plays, scheduled) if several]
     driven = iter(_through([one for kind in kinds for one in kind], records))
     found = [_beside([next(driven) for _ in kind]) for kind in kinds]
     return [*found[:2], _limits(shapes, TAILS), *found[2:]]
