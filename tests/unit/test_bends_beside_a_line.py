@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, TransferFunction, identify, simulate, validate
-from tridentify.judgement.causes.attempts.rivals import _bent
+from tridentify.judgement.causes.attempts.rivals import _bent, _scheduled
 
 
 def test_two_levels_have_no_bend_and_three_have_one() -> None:
@@ -18,6 +18,17 @@ def test_two_levels_have_no_bend_and_three_have_one() -> None:
     assert abs(np.linalg.lstsq(line, bent)[0][1]) < 1e-9
     assert bent[0] == 0.0
     assert _bent([np.zeros(5)], 2) is None
+
+
+def test_a_gain_that_changes_counts_from_the_means_and_begins_without_a_jump() -> None:
+    rng = np.random.default_rng(0)
+    u, y = rng.standard_normal((2, 50))
+    record = Record(u, y, dt=0.1)
+    (here,) = _scheduled([record], [y[:, None]], 0, 0)
+    (moved,) = _scheduled([Record(u + 3.0, y, dt=0.1)], [y[:, None] - 7.0], 0, 0)
+    assert np.allclose(here, moved)
+    assert here[0] == 0.0
+    assert np.allclose(np.diff(here), np.diff((u - u.mean()) * (y - y.mean())))
 
 
 @pytest.mark.slow

@@ -22,12 +22,16 @@ def first_of(record, structure=None):
     return next((one for one in found if one.matters), None)
 
 
-def driven(kind, seed):
-    """A servo with play behind it, play before it, dry friction, or nothing."""
+def driven(kind, seed, levels=()):
+    """A servo with play behind it, play before it, dry friction, or nothing.
+
+    Its input is at any level, or at some of a few.
+    """
     rng = np.random.default_rng(seed)
     n, w, z = 800, rng.uniform(1.0, 8.0), rng.uniform(0.3, 1.2)
     dt = 2.0 * np.pi / w / rng.uniform(20.0, 40.0)
-    u = np.repeat(rng.uniform(-1.0, 1.0, n // 16), 16)
+    held = rng.choice(levels, n // 16) if levels else rng.uniform(-1.0, 1.0, n // 16)
+    u = np.repeat(held, 16)
     acts = play(u, np.array([0.15]), np.nan)[:, 0] if kind == "before" else u
     friction = 0.2 * w * w if kind == "friction" else 0.0
     y, place, speed, h = np.zeros(n), 0.0, 0.0, dt / 20.0
@@ -62,6 +66,39 @@ def test_play_is_told_from_friction(kind, said, seed):
     else:
         assert found.code == "nonlinear"
         assert said in found.message.split("The record hardly tells")[0]
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.slow
+def test_play_before_three_levels_is_told(seed):
+    right, found = (
+        first_of(driven(kind, seed, (-1.0, 0.0, 1.0))) for kind in ("nothing", "before")
+    )
+    assert right is None
+    assert found.code == "nonlinear"
+    assert "play or dry friction of" in found.message
+
+
+def scheduled(share, seed, n=320):
+    """A lag of a second whose gain changes with the output, or does not."""
+    rng = np.random.default_rng(seed)
+    u, dt, h = np.repeat(rng.uniform(-1.0, 1.0, n // 8), 8), 0.15, 0.005
+    y, here = np.empty(n), 0.0
+    for k in range(n):
+        y[k] = here
+        for _ in range(round(dt / h)):
+            here += h * (u[k] * (1.0 + share * here) - here)
+    return Record(u, y + 0.05 * np.std(y) * rng.standard_normal(n), dt=dt)
+
+
+@pytest.mark.parametrize("seed", range(1, 8))
+@pytest.mark.slow
+def test_a_gain_that_changes_with_the_output_is_told(seed):
+    asked = Structure(1, 0, initial_state="rest", offset=False)
+    found = first_of(scheduled(0.5, seed), asked)
+    assert found.code == "nonlinear"
+    assert "a gain of the input u that changes with the output y" in found.message
+    assert first_of(scheduled(0.0, seed), asked) is None
 
 
 def test_play_moves_only_what_it_touches():

@@ -2,10 +2,11 @@
 
 *Nonlinear.* A static non-linearity ``f`` of the actuator, ``u + k f(u)``, and a restoring force
 ``a(p) y + k f(y) = b(p) u`` are both one more input, ``f(u)`` or ``-f(y)``, of the same
-denominator; in the second ``y`` is the fitted output, which carries no noise. Even powers make what
-is not symmetric, odd ones what stiffens or saturates, ``sign(dy/dt)`` is dry friction and
-``|dy/dt| dy/dt`` the damping of ships, dampers and valves, which grows where friction weighs less
-(Billings, *Nonlinear System Identification*, 2013, chapter 2, for the classes).
+denominator; ``y`` is the fitted output, which carries no noise. Even powers make what is not
+symmetric, odd ones what stiffens or saturates, ``sign(dy/dt)`` is dry friction and ``|dy/dt|
+dy/dt`` the damping of ships, dampers and valves, which grows where friction weighs less. ``u y`` is
+an input whose gain changes with the output (Billings, *Nonlinear System Identification*, 2013,
+chapter 2, for the classes).
 
 *Varying.* Both halves of the record with coefficients of their own, the second from an initial
 state of its own; *disagreeing experiments* likewise.
@@ -175,13 +176,17 @@ def nonlinear_rivals(present: Present, fitted: Sequence[Array]) -> Iterator[Riva
         "larger ones, and no order of a linear model stands for it."
     )
     for j, name in enumerate(records[0].input_names):
+        m = max(row[j] for row in present.zeros)
         for power, which in ((2, "even"), (3, "odd")):
             extra = _bent([record.u[:, j] for record in records], power)
             if extra is None:
                 continue
-            m = max(row[j] for row in present.zeros)
             what = f"an {which} non-linearity of the input {name}"
             other = present.with_inputs(extra, "non-linear", m)
+            yield one("nonlinear", other, what, advice, refits=False)
+        for i, output in enumerate(records[0].output_names):
+            what = f"a gain of the input {name} that changes with the output {output}"
+            other = present.with_inputs(_scheduled(records, fitted, i, j), "non-linear", m)
             yield one("nonlinear", other, what, advice, refits=False)
     for i, name in enumerate(records[0].output_names):
         for power, which in ((2, "even"), (3, "odd")):
@@ -258,6 +263,15 @@ def _bent(signals: Sequence[Array], power: int) -> list[Array] | None:
     pieces = np.split(size**power * left, np.cumsum([one.size for one in signals])[:-1])
     # a start from rest is one without a bend, too: no constant begins to act there
     return [np.asarray(one - one[0]) for one in pieces]
+
+
+def _scheduled(records: Sequence[Record], fitted: Sequence[Array], i: int, j: int) -> list[Array]:
+    """An input times an output, both about their means."""
+    u = [np.asarray(record.u[:, j]) for record in records]
+    y = [_filled(one[:, i]) for one in fitted]
+    middle, level = float(np.concatenate(u).mean()), float(np.concatenate(y).mean())
+    products = [(a - middle) * (b - level) for a, b in zip(u, y, strict=True)]
+    return [np.asarray(one - one[0]) for one in products]
 
 
 def _filled(values: Array) -> Array:

@@ -43,14 +43,20 @@ STEPS = 10
 WIDTHS = np.geomspace(0.002, 0.3, 22)
 """Half widths that are tried, over the range of the motion."""
 
-INPUT_WIDTHS = np.array([0.01, 0.02, 0.05, 0.1, 0.2])
-"""The same for an input."""
+INPUT_WIDTHS = np.geomspace(0.01, 0.2, 14)
+"""The same for an input: one off by more than an eighth leaves room for friction."""
 
 LEAST = 0.02
 """Share by which a gap has to lower the sum of squares to be one."""
 
-LEVELS = 6
-"""Values of an input from which play can be told from a smaller gain."""
+NO_LINE = 0.05
+"""Share of what a gap takes from an input, from its first move on, that a straight line in it has
+to leave: play between two levels is a smaller gain, and at a level that is come to from one side
+only it is a bend."""
+
+COLUMN_WIDTHS = np.array([0.03, 0.1])
+"""Half widths over the range of an input by whose gaps a residual is searched for play: wider ones
+take much the same."""
 
 LONGEST = 20_000
 """Samples of a record beyond which it is not tried: play is followed sample by sample."""
@@ -103,6 +109,40 @@ def _carried(ways: Array) -> Array:
     """Direction of motion before each sample, that of the last one that moved."""
     moved = np.maximum.accumulate(np.where(ways != 0.0, np.arange(ways.size), 0))
     return np.asarray(np.concatenate([[0.0], ways[moved][:-1]]))
+
+
+def taken_by_gaps(inputs: Sequence[Array]) -> list[Array] | None:
+    """What gaps of `COLUMN_WIDTHS` take from an input, in each experiment.
+
+    Parameters
+    ----------
+    inputs : sequence of (n_samples,) arrays
+        One input, experiment by experiment.
+
+    Returns
+    -------
+    list of (n_samples, k) arrays or None
+        None where it tells no gap from a smaller gain.
+
+    Examples
+    --------
+    >>> there_and_back = np.repeat([0.0, 1.0, 0.0, 1.0, 0.0], 9)
+    >>> taken_by_gaps([there_and_back]) is None
+    True
+    >>> taken_by_gaps([np.repeat([0.0, 1.0, 0.0, -1.0, 0.0], 9)])[0][::9, 0].round(2).tolist()
+    [0.0, -0.06, 0.06, 0.06, -0.06]
+    """
+    size = float(np.ptp(np.concatenate(inputs)))
+    if not size > 0.0 or max(one.size for one in inputs) > LONGEST:
+        return None
+    taken = [play(one, size * COLUMN_WIDTHS, np.nan) - one[:, None] for one in inputs]
+    moving = [np.logical_or.accumulate(one != one[0]) for one in inputs]
+    pairs = list(zip(inputs, taken, moving, strict=True))
+    line = np.concatenate([one[there] for one, _, there in pairs])
+    line = np.column_stack([np.ones(line.size), line / size])
+    most = np.concatenate([own[there, -1] for _, own, there in pairs])
+    left = most - line @ np.linalg.lstsq(line, most)[0]
+    return taken if left @ left > NO_LINE * (most @ most) else None
 
 
 def backlash_rivals(present: Present, fitted: Sequence[Array]) -> Iterator[Rival]:
@@ -195,10 +235,10 @@ def _half_width(recorded: Sequence[Array], fitted: Sequence[Array]) -> float | N
 
 def _of_input(present: Present, j: int) -> Rival | None:
     """A gap between an input and what acts."""
-    values = np.concatenate([record.u[:, j] for record in present.records])
-    size = float(np.ptp(values))
-    if not size > 0.0 or np.unique(values).size < LEVELS:
+    inputs = [np.asarray(record.u[:, j]) for record in present.records]
+    if taken_by_gaps(inputs) is None:
         return None
+    size = float(np.ptp(np.concatenate(inputs)))
     plain = replace(present, noise=())
     tried = size * INPUT_WIDTHS
     promised = [promise(_through(plain, j, half), present.poles) for half in tried]

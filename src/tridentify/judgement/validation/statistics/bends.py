@@ -15,6 +15,10 @@ Identification*, 2013).
 unknown, those beyond several quantiles are added. An actuator likewise, through the model; what
 follows an input at a limited rate stays behind it.
 
+*A gain that changes with the output.* The response of the model to ``u y``, about their means.
+
+*Play.* What a gap takes from an input (`system.backlash`), through the model.
+
 *A late or smoothed input.* The response of the model to each input, some samples later.
 """
 
@@ -28,6 +32,7 @@ import numpy as np
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.causes.sensors.saturation import following
 from tridentify.judgement.causes.signals.inner_states import gripping, inner_states, turns
+from tridentify.judgement.causes.system.backlash import taken_by_gaps
 from tridentify.judgement.validation.residuals import View
 from tridentify.models.simulate import simulate_each
 from tridentify.numerics.arrays import Array, filled
@@ -103,14 +108,21 @@ def bends(view: View, output: int, estimate: Estimate) -> list[Columns]:
     powers: list[Asked] = []
     limited: list[Asked] = []
     rates: list[Asked] = []
+    plays: list[Asked] = []
+    scheduled: list[Asked] = []
     for j in range(records[0].n_inputs):
         own = _channel(estimate, output, j)
-        u = _scaled([np.asarray(record.u[:, j]) for record in records])
+        recorded = [np.asarray(record.u[:, j]) for record in records]
+        u = _scaled(recorded)
         powers.append((own, [np.stack([x**2, x**3], axis=1) for x in u]))
         if np.unique(np.concatenate(u)).size >= LEVELS:
             limited.append((own, _limits(u, INPUT_TAILS)))
-            rates.append((own, _behind([record.u[:, j] for record in records])))
-    kinds += [several for several in (powers, limited, rates) if several]
+            rates.append((own, _behind(recorded)))
+        products = [(x * y)[:, None] for x, y in zip(u, shapes, strict=True)]
+        scheduled.append((own, products))
+        taken = taken_by_gaps(recorded)
+        plays += [] if taken is None else [(own, taken)]
+    kinds += [several for several in (powers, limited, rates, plays, scheduled) if several]
     driven = iter(_through([one for kind in kinds for one in kind], records))
     found = [_beside([next(driven) for _ in kind]) for kind in kinds]
     return [*found[:2], _limits(shapes, TAILS), *found[2:]]
