@@ -16,6 +16,7 @@ from typing import Any, TypeVar, cast
 
 import numba
 from llvmlite import binding
+from numba.core import serialize
 from numba.core.compiler import Flags
 
 Function = TypeVar("Function", bound=Callable[..., object])
@@ -30,6 +31,12 @@ KERNELS = (
     "estimation/*/compiled/*.py",
 )
 """Files with compiled functions that call one another, below the package."""
+
+with contextlib.suppress(AttributeError):  # another numba
+    # Machine code calls this for the type of each array or tuple that it returns. Were it Python's
+    # code, an interruption that waited for the machine code to end would be raised in there and
+    # come out as a SystemError; the cache, which answers all but the first calls, is none.
+    serialize._numba_unpickle = cache(serialize._numba_unpickle)
 
 
 def read_only(dimensions: int, kind: Any = numba.float64) -> Any:
