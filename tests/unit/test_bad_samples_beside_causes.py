@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from tridentify import Record, Structure, TransferFunction, identify, simulate
+from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, simulate
 from tridentify.judgement.validation import tried, validate
 
 
@@ -24,7 +24,7 @@ def spiky(seed):
 @pytest.mark.slow
 def test_one_look_at_the_cause_decides_as_the_whole_comparison_does(seed, monkeypatch):
     record = spiky(seed)
-    estimate = identify(record, Structure(2, 0))
+    estimate = identify(record, Structure(2, 0), ThreeModel(noise="ar"))
     asked, whole = [], tried.explanations
 
     def counted(*arguments, **options):

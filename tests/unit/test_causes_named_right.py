@@ -9,7 +9,7 @@ import pytest
 from scipy.linalg import expm
 from scipy.signal import lfilter, lsim
 
-from tridentify import Record, Structure, TransferFunction, identify, simulate
+from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, simulate
 from tridentify.judgement.causes.sensors.pulses import pulses
 from tridentify.judgement.causes.system.backlash import play
 from tridentify.judgement.cautions.stuck import without_spikes
@@ -180,9 +180,15 @@ def test_ambient_drift_of_an_oven_is_named_before_a_bend():
     plant = TransferFunction([2.5 / 24000.0], [1.0, 1.0 / 600.0 + 1.0 / 40.0, 1.0 / 24000.0])
     y = simulate(plant, Record(u, u, dt=10.0))[:, 0] + 22.0
     y += 1.2 * np.sin(2.0 * np.pi * t / 14000.0) + 0.15 * rng.standard_normal(t.size)
-    found = first_of(Record(u, np.round(y, 1), dt=10.0))
+    record = Record(u, np.round(y, 1), dt=10.0)
+    found = identify(record, Structure(2, 0), ThreeModel(noise="ar")).findings[0]
     assert found.code == "drift"
     assert "Estimate a drift along" in found.remedy
+    # where nothing is stated it is estimated along, and nothing is left to tell
+    along = identify(record, Structure(2, 0))
+    assert along.structure.drift_degree
+    assert np.all(np.abs(along.theta - [*plant.den[0][0][1:], 2.5 / 24000.0]) < 4.0 * along.std)
+    assert not [one for one in along.findings if one.matters]
 
 
 def clipped(seed, spikes=4):

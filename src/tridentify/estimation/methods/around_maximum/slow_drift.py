@@ -27,6 +27,7 @@ from tridentify.estimation.likelihood.question import Question
 from tridentify.estimation.likelihood.setup.nuisance import build_base
 from tridentify.estimation.likelihood.thresholds import CLEARLY
 from tridentify.estimation.methods.around_maximum.maximum import Maximum
+from tridentify.estimation.methods.around_maximum.noise import FOLLOWED
 from tridentify.estimation.methods.around_maximum.turns import criterion_with_noise
 from tridentify.models.columns import drift_columns
 from tridentify.numerics.arrays import Array
@@ -53,6 +54,8 @@ FALLS = 2.0
 MISSED = 60.0
 """AICc by which a drift beside such noise must be better all the same: of 24 random walks whose
 response was found without a drift none was above 52, and where it was missed the drift was."""
+MISSING = (DecisionKind.RESPONSE_AS_NOISE, DecisionKind.SLOW_AS_NOISE)
+"""What is said where a model of the noise stands for a response that is missing."""
 
 
 def drifting(question: Question, white: Maximum) -> Question | None:
@@ -112,7 +115,8 @@ def smooth(open_: Question, drifted: Maximum, plain: Maximum) -> Maximum | None:
     A polynomial follows a wandering disturbance, too, as far as its degree goes, and its terms then
     pass for known where they are but the slowest part of a noise. So it must not be of the highest
     degree tried, and the noise beside it no stronger up to a few of its own wiggles than beyond;
-    unless the end without it is so much less likely that it must have missed the response.
+    unless the end without it is so much less likely that it must have missed the response. And what
+    is left must not follow the input: a response that is missing is no disturbance.
 
     Parameters
     ----------
@@ -125,6 +129,8 @@ def smooth(open_: Question, drifted: Maximum, plain: Maximum) -> Maximum | None:
     """
     degree, point = drifted.end.nuisances.drift, drifted.end.point
     if not 0 < degree < max(choice.drift for choice in open_.choices):
+        return None
+    if any(one == FOLLOWED or getattr(one, "kind", None) in MISSING for one in drifted.decisions):
         return None
     longest = max(e.n_samples for e in point.problem.experiments)
     rough = any(_is_rough(a, (degree + 1) / longest) for a in point.problem.noise if a.size)

@@ -87,9 +87,12 @@ def unless_unstable(
     longest = max(record.duration for record in asked.records)
     gain = _deviance(found, asked.records) - best.deviance
     sure = rate > SURELY * error or (gain > BEYOND_DOUBT and not best.noise.size)
-    if gain < CLEARLY or not sure or rate * longest < GROWTH:
-        return found
     like_a_drift = rate * longest < EXPLOSION
+    beside = found.structure.drift_degree - asked.structure.drift_degree
+    # a polynomial that nobody asked for bends as any growth does
+    least = CLEARLY if like_a_drift or not beside else 0.0
+    if gain < least or not sure or rate * longest < GROWTH:
+        return found
     if like_a_drift and _beside_a_drift(asked, again, rate) - best.deviance < CLEARLY:
         return found
     told = f"-2 log L is lower by {gain:.1f} than of the best stable model"
@@ -102,10 +105,12 @@ def may_be_unstable(found: Estimate, records: Sequence[Record], structure: Struc
     """Whether a stable model looks like the best stand-in for one that is not.
 
     Needless poles are loose, and their posterior mean is no sign of it: a mode that grows is
-    replaced by one that hardly decays, whatever else there is.
+    replaced by one that hardly decays, whatever else there is; or by a drift that nobody asked for.
     """
     if orders_of(records, structure) is None:
         return False
+    if found.structure.drift_degree > structure.drift_degree:
+        return True
     longest = max(record.duration for record in records)
     rates = np.abs(scaled_roots(found.model.den[0][0]).real)
     slowest = float(np.min(rates, initial=np.inf))
@@ -148,7 +153,7 @@ def _error_of_rate(den: Array, cov: Array) -> float:
 
 
 def _deviance(found: Estimate, records: Sequence[Record]) -> float:
-    """Minus two log likelihood of the residuals, with AICc's price of the noise model."""
+    """Minus two log likelihood of the residuals, with AICc's price of noise model and drift."""
     left = [found.residual(record, experiment=e)[:, 0] for e, record in enumerate(records)]
     noise = found.noise_model[0]
     if noise.size:
@@ -156,4 +161,5 @@ def _deviance(found: Estimate, records: Sequence[Record]) -> float:
     every = np.concatenate(left)
     every = every[np.isfinite(every)]
     least = float(np.log(np.mean(every**2)))
-    return every.size * least + aicc_price(noise.size + 1.0, float(every.size))
+    along = noise.size + found.structure.drift_degree * len(records) + 1.0
+    return every.size * least + aicc_price(along, float(every.size))
