@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import struct
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -230,3 +232,13 @@ def sample(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
         pytest.importorskip(needs, reason=f"needs {needs}, of the extra tridentify[files]")
     path = make(tmp_path_factory.mktemp("sample") / request.param)
     return SimpleNamespace(path=path, asked=asked, needs=needs, t=T, u=U, y=Y, r=R)
+
+
+@pytest.fixture(autouse=True)
+def _collected(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Collect what asammdf leaves open, so that no later test is blamed for it."""
+    yield
+    if "asammdf" in request.fixturenames:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ResourceWarning)
+            gc.collect()
