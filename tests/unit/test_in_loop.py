@@ -261,9 +261,22 @@ def test_an_input_is_foretold_whatever_its_reference_does():
 
 def test_what_the_route_cannot_do_stays_as_it_was():
     drawn = sampled(910_050, "stable")
-    asked = Structure(1, 0, fixed={"a0": 1.0})
+    asked = Structure(1, 0, delay=0.1)
     estimate = ThreeModel(route="direct").estimate([drawn.record], asked)
     assert found_together(estimate, [drawn.record]) is estimate
+
+
+def test_what_is_known_of_the_plant_stays_and_narrows_the_rest():
+    drawn = sampled(910_050, "stable")
+    direct = ThreeModel(route="direct")
+    free, known = (
+        found_together(direct.estimate([drawn.record], asked), [drawn.record])
+        for asked in (Structure(1, 0), Structure(1, 0, fixed={"a0": float(drawn.theta[0])}))
+    )
+    assert known.theta[0] == drawn.theta[0]
+    assert known.std[0] == 0.0
+    assert 0.0 < known.std[1] < free.std[1]
+    assert abs(known.theta[1] - drawn.theta[1]) < 4.0 * known.std[1]
 
 
 def risen(here: Together, k: int, value: float) -> float:

@@ -28,7 +28,7 @@ from tridentify.estimation.likelihood.question import silently
 from tridentify.estimation.methods.base import Method, Progress
 from tridentify.estimation.methods.by_reference.not_stable import may_be_unstable, unless_unstable
 from tridentify.estimation.methods.explained import explained_records
-from tridentify.estimation.methods.in_loop import NOT_HELD, found_together
+from tridentify.estimation.methods.in_loop import NOT_HELD, found_together, wanders
 from tridentify.estimation.methods.output_error import OutputError
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.causes.attempts.feedback import Inputs, misses
@@ -233,6 +233,8 @@ def widened(estimate: Estimate, records: Sequence[Record], *, stated: bool = Tru
     stated : bool
         Whether somebody stated what the inputs do between their samples.
     """
+    if estimate.method == ThreeModel.name and wanders(estimate, records):
+        return found_together(estimate, records)
     if estimate.route != "direct":
         return estimate
     view = None if estimate.draws.size else own_look(estimate, records)

@@ -16,6 +16,9 @@ Steps in turn creep, and errors of the one as if the other were known are too sm
 are those of Gauss and Newton on all unknowns, and the covariance is the block of ``theta`` in the
 inverse of their whole information. What else is nearly as likely is `settled`.
 
+*What is known.* Equalities leave directions of the coefficients (`sought`), and the steps, the
+information and the count of unknowns are those of these.
+
 *Start.* Free, with an offset of the output and a level of every input: of a plant that integrates
 no offset makes up for the input at which it rests.
 
@@ -81,10 +84,11 @@ class Ahead(Foreseen):
         return cls(loop, predictor, signals, predictor.errors(signals), rest, seen)
 
     def slopes(self, start: Array) -> Array:
-        """(n_samples, n_coefficients) minus the derivatives of ``e`` by them, the start held."""
-        n = self.predictor.plant.a.size + 1
+        """(n_samples, n_free) minus the derivatives of ``e`` along the plant's, the start held."""
+        plant = self.predictor.plant
+        n = plant.a.size + 1
         there = replace(self.signals, u=self.signals.u + start[n:])
-        return slopes(self.predictor, there, start[:n])
+        return slopes(self.predictor, there, start[:n]) @ plant.free
 
     def white(self, table: Array, noise: Array) -> Array:
         """(n_samples, k) columns whitened by an autoregression; zero where nothing was seen."""
@@ -209,9 +213,23 @@ class Together:
         return np.asarray(table - basis @ (basis.T @ table))
 
     @property
+    def n_free(self) -> int:
+        """Directions in which the plant may move: the first unknowns."""
+        return int(self.plant.free.shape[1])
+
+    def at_plant(self, change: Array) -> Array:
+        """(n_coefficients,) what a step on all unknowns does to the plant."""
+        return np.asarray(self.plant.free @ change[: self.n_free])
+
+    def of_plant(self, cov: Array) -> Array:
+        """(n_coefficients, n_coefficients) covariance of the plant, by that of its directions."""
+        free, n = self.plant.free, self.n_free
+        return np.asarray(free @ cov[:n, :n] @ free.T)
+
+    @property
     def counts(self) -> bool:
-        """Whether the innovations tell every coefficient of the plant."""
-        n = self.plant.theta.size
+        """Whether the innovations tell every direction of the plant."""
+        n = self.n_free
         if not np.isfinite(self.columns).all():
             return False
         sizes = np.linalg.norm(self.columns[:, :n], axis=0)
@@ -223,7 +241,7 @@ class Together:
     @property
     def unknowns(self) -> int:
         """Coefficients of plant and noise, and what else was fitted."""
-        return int(self.plant.theta.size + self.noise.size + self._basis[0].shape[1])
+        return int(self.n_free + self.noise.size + self._basis[0].shape[1])
 
     @property
     def criterion(self) -> float:
@@ -235,7 +253,7 @@ class Together:
 
     @cached_property
     def cov(self) -> Array:
-        """(n + p, n + p) covariance of plant and noise."""
+        """(n_free + p, n_free + p) covariance of plant and noise."""
         scale = np.linalg.norm(self.columns, axis=0) + 1e-300
         q = self.columns / scale
         inverse = np.linalg.pinv(q.T @ q, rcond=CUTOFF, hermitian=True)
@@ -248,17 +266,15 @@ class Together:
         change: Array = np.asarray(
             np.linalg.lstsq(self.columns, self.innovations, rcond=1e-12)[0], dtype=np.float64
         )
-        n = self.plant.theta.size
-        errors = np.sqrt(np.diag(self.cov)[:n]) + FLOOR * self.plant.scale
-        return change, float(np.max(np.abs(change[:n]) / errors))
+        errors = np.sqrt(np.diag(self.of_plant(self.cov))) + FLOOR * self.plant.scale
+        return change, float(np.max(np.abs(self.at_plant(change)) / errors))
 
     def moved(self, change: Array) -> Together | None:
         """Along a step; None where noise or plant run out of bounds."""
-        n = self.plant.theta.size
-        noise = self.noise + change[n:]
+        noise = self.noise + change[self.n_free :]
         if noise.size and np.max(np.abs(np.roots(np.append(1.0, noise)))) > FARTHEST:
             return None
-        plant = self.plant.with_theta(self.plant.theta + change[:n])
+        plant = self.plant.with_theta(self.plant.theta + self.at_plant(change))
         if is_too_fast(plant, self.loops):
             return None
         try:
@@ -312,10 +328,10 @@ def descended(here: Together) -> End:
 
 
 def _steps(here: Together) -> End:
-    moved, n = np.inf, here.plant.theta.size
+    moved, change = np.inf, np.zeros(here.n_free)
     for steps in range(1, MOST_STEPS + 1):
         if not here.counts:
-            return End(here, np.zeros(n), np.inf, steps)
+            return End(here, np.zeros(here.plant.theta.size), np.inf, steps)
         change, moved = here.step
         share, other = 1.0, None
         for _ in range(HALVINGS):
@@ -328,7 +344,7 @@ def _steps(here: Together) -> End:
         here = other
         if moved <= STILL:
             break
-    return End(here, change[:n], moved, steps)
+    return End(here, here.at_plant(change), moved, steps)
 
 
 def is_too_fast(plant: Plant, loops: Sequence[Loop]) -> bool:

@@ -26,11 +26,16 @@ LONGEST = 24
 """Samples of the past that a forecast goes by: controller, plant and noise of orders to about eight
 are in it, whatever they are together."""
 
+RATES = 4
+"""Of poles beside integrators, that are tried: each three or so times the one before."""
+
 PER_COLUMN = 8
 """Samples for each of its weights, at least."""
 
 
-def plants_of_forecast(loops: Sequence[Loop], n: int, zeros: Sequence[int]) -> list[Plant]:
+def plants_of_forecast(
+    loops: Sequence[Loop], n: int, zeros: Sequence[int], integrators: int = 0
+) -> list[Plant]:
     """Plants in the best forecast of the output from a long past.
 
     Parameters
@@ -40,6 +45,9 @@ def plants_of_forecast(loops: Sequence[Loop], n: int, zeros: Sequence[int]) -> l
         Number of poles.
     zeros : sequence of int
         Of every input.
+    integrators : int
+        Poles that are known to be at zero. Others are then tried over the rates that a past tells,
+        as what is realised knows nothing of the former.
 
     Returns
     -------
@@ -52,9 +60,12 @@ def plants_of_forecast(loops: Sequence[Loop], n: int, zeros: Sequence[int]) -> l
     if past < 2 * n + 2:  # the realisation needs as many pulses again, and two
         return []
     pulses = _pulses(loops, past, [m == n for m in zeros])
+    step = float(loops[0].record.dt or 0.0)
     slow = np.full(n, -slowest(loops), dtype=np.complex128)
+    rates = np.geomspace(1.0 / past, 1.0, RATES) / step if 0 < integrators < n else ()
+    others = [np.append(slow[:integrators], np.full(n - integrators, -rate)) for rate in rates]
     found = []
-    for poles in (_realised(pulses, n, float(loops[0].record.dt or 0.0)), slow):
+    for poles in (_realised(pulses, n, step), slow, *others):
         if poles is not None:
             a = np.real(np.poly(poles))
             own = zip(zeros, pulses, strict=True)

@@ -81,9 +81,12 @@ class Plant:
 
     @property
     def scale(self) -> Array:
-        """Natural sizes of the coefficients, from the typical rate of the poles."""
-        n = self.a.size
-        rate = max(float(np.exp(np.mean(np.log(np.abs(self.poles) + 1e-300)))), 1e-150)
+        """Natural sizes of the coefficients, from the typical rate of the poles.
+
+        Those at zero have none; one rad/s where there is no other.
+        """
+        n, moving = self.a.size, np.abs(self.poles[self.poles != 0.0])
+        rate = max(float(np.exp(np.mean(np.log(moving)))), 1e-150) if moving.size else 1.0
         sizes = [rate ** np.arange(1.0, n + 1)]
         for one in self.b:
             powers = rate ** -np.arange(one.size - 1.0, -1.0, -1.0)

@@ -8,6 +8,11 @@ left.
 
 The fall of the likelihood on both sides joins it, too (`fall`).
 
+*Rivals.* The noise of a held plant that wanders is no autoregression of finite order, and what that
+costs is not the same for all plants: a difference of ten or fifteen in AICc between minima that are
+many errors apart says no more than that the record hardly moved the input by itself. Where another
+start ends so near, its distance counts in full.
+
 Reference: S. Buckland, K. Burnham & N. Augustin, Biometrics 53 (1997) 603-618.
 """
 
@@ -23,6 +28,7 @@ from tridentify.estimation.closed_loop.fall import farther
 from tridentify.estimation.closed_loop.joint import End, Together, descended, is_too_fast
 from tridentify.estimation.closed_loop.predictor import Plant
 from tridentify.estimation.closed_loop.unstable import Found
+from tridentify.estimation.likelihood.thresholds import NEAR
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import fit_autoregression, most_coefficients
 
@@ -30,6 +36,10 @@ ORDERS = (0, 1, 2, 3, 4, 6, 8, 12, 16)
 """Of the noise, that are tried one after the other."""
 IN_VAIN = 2
 """Orders in a row that are no better, beyond which none is tried."""
+SHORT = 1.0
+"""Standard errors that a last step may have been away from a minimum."""
+MANY = 3.0
+"""Standard errors between two plants from which they are told apart."""
 LEAST_WEIGHT = 1e-3
 """Akaike weight from which an end counts: fourteen in AICc."""
 
@@ -46,11 +56,15 @@ class Settled:
         curvature says add to the covariance of the plant.
     criterion : float
         AICc of the innovations.
+    rival : float
+        Distance of a plant that another start leads to and that is nearly as likely
+        [standard errors without it]; 0 for none.
     """
 
     found: Found
     spread: Array
     criterion: float
+    rival: float = 0.0
 
     @property
     def errors(self) -> Array:
@@ -61,21 +75,26 @@ class Settled:
 def together(loops: Sequence[Loop], plants: Sequence[Plant]) -> Settled | None:
     """Plant and noise, from several plants; None where no start leads anywhere."""
     ends: list[End] = []
+    likeliest: list[End] = []
     for plant in (one for one in plants if not is_too_fast(one, loops)):
         begun = Together.at(loops, plant, np.zeros(0))
         if not np.isfinite(begun.size):
             continue
+        known = len(ends)
         try:
             with np.errstate(all="ignore"):  # plants that run off are no ends
                 _over_orders(begun, ends)
         except np.linalg.LinAlgError:  # a plant without a response, or beyond all bounds
             continue
+        likeliest += [_likeliest(ends[known:])] if len(ends) > known else []
     if not ends:
         return None
-    best = min(ends, key=lambda one: one.place.criterion)
+    best = _likeliest(ends)
     place = best.place
-    grown = farther(place, place.cov, place.plant.theta.size)
-    return Settled(_found(best), _spread(best, ends) + grown, place.criterion)
+    grown = place.of_plant(farther(place, place.cov, place.n_free))
+    found, spread = _found(best), _spread(best, ends) + grown
+    away, rival = _farthest(best, likeliest, np.sqrt(np.diag(found.cov + spread)))
+    return Settled(found, spread + np.outer(away, away), place.criterion, rival)
 
 
 def _over_orders(begun: Together, ends: list[End]) -> None:
@@ -148,6 +167,23 @@ def _spread(best: End, ends: Sequence[End]) -> Array:
     return spread / total + np.outer(best.step, best.step)
 
 
+def _likeliest(ends: Sequence[End]) -> End:
+    return min(ends, key=lambda one: one.place.criterion)
+
+
+def _farthest(best: End, likeliest: Sequence[End], errors: Array) -> tuple[Array, float]:
+    """How far off the farthest rival is, and in how many errors; zero where there is none."""
+    found, most = np.zeros(errors.size), 0.0
+    for one in likeliest:
+        if not (one.moved < SHORT and one.place.criterion < best.place.criterion + NEAR):
+            continue
+        away = one.place.plant.theta - best.place.plant.theta
+        apart = float(np.max(np.abs(away) / np.maximum(errors, 1e-300)))
+        if apart > max(most, MANY):
+            found, most = away, apart
+    return found, most
+
+
 def _is_same(one: Together, other: Together) -> bool:
     """Whether two ends are one minimum."""
     return one.noise.size == other.noise.size and abs(one.criterion - other.criterion) < 1e-2
@@ -155,14 +191,14 @@ def _is_same(one: Together, other: Together) -> bool:
 
 def _found(end: End) -> Found:
     here = end.place
-    n, predictor = here.plant.theta.size, here.ahead[0].predictor
-    table = here.columns[:, :n]
+    predictor = here.ahead[0].predictor
+    table = here.columns[:, : here.n_free]
     table = table / (np.linalg.norm(table, axis=0) + 1e-300)
     freedom = max(here.count - here.unknowns, 1)
     width = here.plant.a.size + 1
     return Found(
         here.plant,
-        here.cov[:n, :n],
+        here.of_plant(here.cov),
         tuple(here.errors),
         here.noise,
         here.size / freedom,

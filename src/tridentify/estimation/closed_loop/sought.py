@@ -84,7 +84,9 @@ class Sought:
         known = self.structure.known
         return (f"constraints on {', '.join(dict.fromkeys(known))}",) if known else ()
 
-    def known(self, scale: Array, at_bounds: dict[str, float] | None = None) -> Knowledge:
+    def known(
+        self, scale: Array | None = None, at_bounds: dict[str, float] | None = None
+    ) -> Knowledge:
         """Equalities and bounds, some of the latter reached."""
         structure = self.structure
         if at_bounds:

@@ -6,6 +6,11 @@ output (`closed_loop.long_past`), both are found together, whether or not the pl
 that leads elsewhere, it is the estimate; where it leads to the same place, what else is nearly as
 likely joins the covariance.
 
+*Open loop.* The forces on a plant with two integrators come out as noise whose power grows with the
+third power of time. An autoregression of stationary noise tells little of it, and the steps in turn
+end where gain and noise make up for one another. The mirrored predictor takes both integrators out
+of the noise before it is modelled, so that plant and noise are found together here, too.
+
 *Between the samples.* A controller that works on samples holds the input. Nobody recorded what it
 did between two samples otherwise, and a continuous controller moved it there with the noise: taken
 as a straight line to the next sample, the input knows of noise that was yet to come, which no model
@@ -36,63 +41,119 @@ from tridentify.estimation.closed_loop.between_samples import Loop, with_input
 from tridentify.estimation.closed_loop.linear_errors import slowest
 from tridentify.estimation.closed_loop.long_past import plants_of_forecast
 from tridentify.estimation.closed_loop.predictor import Plant
-from tridentify.estimation.closed_loop.settled import Settled, together
-from tridentify.estimation.closed_loop.unstable_answer import estimate_of, open_loops, orders_of
+from tridentify.estimation.closed_loop.settled import MANY, Settled, together
+from tridentify.estimation.closed_loop.sought import Sought
+from tridentify.estimation.closed_loop.unstable_answer import estimate_of, open_loops
 from tridentify.estimation.closed_loop.unstable_starts import starting_plants
 from tridentify.estimation.likelihood.thresholds import CLEARLY
 from tridentify.numerics.arrays import Array
 from tridentify.record.checks.samples import Behaviour
 from tridentify.record.record import Record
+from tridentify.structure import Structure
 
 ELSEWHERE = 1.0
 """Standard errors from which the steps on all unknowns lead to another place."""
-MANY = 3.0
-"""Standard errors between assumptions on the input, or of a last step, from which the record cannot
-tell the plant."""
 NO_END = DecisionKind.NO_END_TOGETHER.told(": the record hardly tells one from the other")
+RIVAL = ": another plant is nearly as likely, off by up to"
+ERRORS = "standard errors"
 NOT_HELD = "held, as the record says, is clearly less likely than moved"
 """End of one."""
 MOVES = "coefficients move by up to"
+TWICE = 2
+"""Integrators from which an autoregression is no model of what forces make of the output."""
 LONGEST = 50_000
 """Samples up to which it is tried: every step simulates the plant twice for each coefficient."""
 
 
 def found_together(found: Estimate, records: Sequence[Record], *, stated: bool = True) -> Estimate:
-    """An estimate of the direct route, its end and its errors those of plant and noise together.
+    """An estimate with its end and its errors those of plant and noise together.
 
     Parameters
     ----------
     found : Estimate
-        By the direct route.
+        By the direct route, or of a plant whose noise wanders.
     records : sequence of Record
         With the behaviour of their inputs settled.
     stated : bool
         Whether somebody stated that behaviour.
     """
-    orders = orders_of(records, found.structure)
-    if orders is None or sum(one.n_samples for one in records) > LONGEST:
+    sought = looked_for(records, found.structure)
+    if sought is None:
         return found
-    asked = Request.of(records, found.structure, found.method, route="direct")
+    asked = Request.of(records, found.structure, found.method, route=found.route)
     loops = open_loops(asked.records)
     known = plant_of(found)
-    try:
-        best = together(
-            loops, [known, *starting_plants(loops, *orders), *plants_of_forecast(loops, *orders)]
-        )
-    except (TridentifyError, np.linalg.LinAlgError, ValueError):
-        best = None
-    if best is None:
+    best = from_many(sought, loops, known)
+    if best is None or sought.exceeded(best.found):
         return replace(found, trace=found.trace.told(NO_END))
     away = best.found.plant.theta - known.theta
     errors = np.maximum(best.errors, 1e-300)
-    spread, told = _between(asked.records, best, stated)
+    spread, told = _between(asked.records, best, stated or found.route != "direct")
     if not best.found.moved < MANY:
         told = (NO_END, *told)
+    elif best.rival:
+        told = (DecisionKind.NO_END_TOGETHER.told(f"{RIVAL} {best.rival:.0f} {ERRORS}"), *told)
     other = found.status is not Status.CONVERGED or np.max(np.abs(away) / errors) > ELSEWHERE
     if other:
         cov = best.found.cov + best.spread + spread
         return _instead(found, asked, loops, best, cov, told)
     return replace(found, cov=found.cov + best.spread + spread, trace=found.trace.told(*told))
+
+
+def wanders(found: Estimate, records: Sequence[Record]) -> bool:
+    """Whether the noise of a plant in open loop may be forces that it integrates twice.
+
+    Parameters
+    ----------
+    found : Estimate
+    records : sequence of Record
+    """
+    if found.route != "open-loop" or not any(one.size for one in found.noise_model):
+        return False
+    sought = looked_for(records, found.structure)
+    return sought is not None and sought.known().integrators >= TWICE
+
+
+def looked_for(records: Sequence[Record], structure: Structure) -> Sought | None:
+    """What plant and noise are found together of; None for what they are not.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    structure : Structure
+    """
+    sought = Sought.of(records, structure)
+    if sought is None or sought.late:
+        return None
+    if sought.drift and not sought.known().integrators:
+        return None  # of a plant that integrates, a level of its input is a drift
+    return None if sum(one.n_samples for one in records) > LONGEST else sought
+
+
+def from_many(sought: Sought, loops: Sequence[Loop], known: Plant) -> Settled | None:
+    """Plant and noise together, from a plant and from what record and forecast suggest.
+
+    Parameters
+    ----------
+    sought : Sought
+    loops : sequence of Loop
+    known : Plant
+
+    Returns
+    -------
+    Settled or None
+        None where no start leads anywhere.
+    """
+    orders = sought.poles, sought.zeros
+    within = sought.known(known.scale)
+    try:
+        others = [
+            *starting_plants(loops, *orders),
+            *plants_of_forecast(loops, *orders, within.integrators),
+        ]
+        return together(loops, [sought.within(one, None, within) for one in (known, *others)])
+    except (TridentifyError, np.linalg.LinAlgError, ValueError):
+        return None
 
 
 def _instead(

@@ -45,8 +45,7 @@ def within_constraints(
     """
     known = resolve(asked.records, asked.structure)
     looked_at = seen(asked.records, asked.structure, known)
-    loop = asked.route == "direct"
-    forecast = predictor_noise([(r.u, r.y) for r in asked.records]) if loop else ()
+    forecast = predictor_noise([(r.u, r.y) for r in asked.records])
     seeds = Seeds((), (), Trace(()), forecast)
     if looked_at is not None:
         free = method.maximise(*looked_at, say)
