@@ -60,6 +60,9 @@ OUTLASTS = 3.0
 DRIVEN = 10.0
 """Times chance that references explain of an input beside what they leave, from which they drive
 it: sines do 67 and more (101 random loops), three in four references that drive nothing less."""
+DIGITS = 1e-6
+"""Share of an output below which what is left of it is none: that is how well an input is known
+between its samples where nothing else is in the way."""
 MISSED = 1e-3
 """Probability of taking noise for what is left of the response."""
 
@@ -217,9 +220,7 @@ def compared(mine: Rooted, other: Rooted, taken_for: Assumed) -> Compared:
     kind, even = other.loops[0].sampling, taken_for.even
     words, rival = IN_WORDS[mine.loops[0].sampling], IN_WORDS[kind]
     basis = _wider(mine, other)
-    mine_left, other_left = (
-        _followed(residuals(one.loops, one.estimate), basis) for one in (mine, other)
-    )
+    mine_left, other_left = (_followed(_residuals(one), basis) for one in (mine, other))
     own, beside = mine_left.excess, other_left.excess
     plainly = PLAINLY * sum(int(np.isfinite(one.record.y).sum()) for one in mine.loops)
     turns = own - beside > plainly or (even and _alone(other_left, mine_left, mine, other))
@@ -379,8 +380,17 @@ def follows(white: Rooted) -> bool:
 
 
 def _left(white: Rooted) -> tuple[list[Array], list[Array]]:
-    basis = [_widest(one).columns for one in white.loops]
-    return residuals(white.loops, white.estimate), basis
+    return _residuals(white), [_widest(one).columns for one in white.loops]
+
+
+def _residuals(white: Rooted) -> list[Array]:
+    """Of every record; missing where they are no more than `DIGITS` of an output."""
+    left = residuals(white.loops, white.estimate)
+    moving = (np.nanstd(np.asarray(loop.record.y), axis=0) for loop in white.loops)
+    return [
+        np.where(np.nanstd(one, axis=0) > DIGITS * size, one, np.nan)
+        for one, size in zip(left, moving, strict=True)
+    ]
 
 
 def following_findings(white: Rooted) -> tuple[Finding, ...]:
