@@ -10,12 +10,13 @@ continuous where no rule of the samples makes it, and what the other would make 
 is said. Where not even the rule is missing, or where it is because the controller is not linear or
 reads what is not recorded, neither is likelier than the other: half the square of their distance
 joins the covariance, as the mean square of what is off, unless only one of them leaves nothing that
-follows the reference.
+follows the reference. Against a sampled one the record may speak, and for a computer of a few steps
+a sample all the same: what the input is late by then is estimated from the two residuals.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
@@ -235,11 +236,23 @@ def compared(mine: Rooted, other: Rooted, taken_for: Assumed) -> Compared:
     stays = beside - own > plainly or (even and _alone(mine_left, other_left, other, mine))
     # passes at the limit of stability may end nowhere, near a root all the same
     ended = other.still or (even and other.moved < NEAR_ROOT)
+    against = f"{taken}; the record speaks against a {kind} one" if stays or not ended else taken
+    if kind == "sampled" and other.still and (stays or not even):
+        return _faster(mine, other, _held_for(mine, other, basis), against)
     if stays or not ended:
-        return Compared(False, f"{taken}; the record speaks against a {kind} one")
+        return Compared(False, against)
     told, finding = left_open(mine.estimate, other.estimate, rival, taken, even)
     away = (other.estimate.theta - mine.estimate.theta) / np.sqrt(2.0)
     return Compared(False, f"{taken}; {told}", finding, away if finding and even else None)
+
+
+def _faster(mine: Rooted, other: Rooted, share: float, taken: str) -> Compared:
+    """What is to be said of computers of several steps a sample, where one of a single is none."""
+    away = share * (other.estimate.theta - mine.estimate.theta)
+    nearer = replace(other.estimate, theta=mine.estimate.theta + away)
+    rival = f"a computer {1.0 / max(share, 1e-9):.2g} times as fast as the record"
+    told, finding = left_open(mine.estimate, nearer, rival, taken, even=True)
+    return Compared(False, f"{taken}; {told}", finding, away if finding else None)
 
 
 def _alone(right: _Following, wrong: _Following, refuted: Rooted, kept: Rooted) -> bool:
@@ -322,20 +335,66 @@ def _followed(
     size, freedom = 0.0, 0
     for left, columns, quiet in zip(signals, basis, noises or signals, strict=True):
         for series, own in zip(left.T, quiet.T, strict=True):
-            seen = np.isfinite(series)
-            if seen.sum() < 2 * columns.shape[1]:
-                continue
-            noise = fit_autoregression([own - np.mean(own[seen])], MOST_NOISE)
-            table = np.column_stack([columns, series]).T
-            white = np.column_stack(
-                [whiten(np.where(seen, one, np.nan), noise)[0] for one in table]
-            )
-            white = white[seen]
-            along = np.linalg.qr(white[:, :-1])[0].T @ white[:, -1]
-            rest = white[:, -1] @ white[:, -1] - along @ along
-            size += float(along @ along) / max(rest / (len(white) - along.size), 1e-300)
-            freedom += along.size
+            if np.isfinite(series).sum() >= 2 * columns.shape[1]:
+                along = _along(columns, own, series)
+                size += float(np.sum(along**2))
+                freedom += len(along)
     return _Following(size, freedom)
+
+
+def _along(columns: Array, own: Array, *signals: Array) -> Array:
+    """(n_columns, n_signals) of signals along columns, whitened as a noise is, in its deviations.
+
+    Parameters
+    ----------
+    columns : (n_samples, n_columns) array
+    own : (n_samples,) array
+        The noise, with more in it.
+    *signals : (n_samples,) arrays
+        Missing where the first is; what that leaves beside the columns is the noise.
+    """
+    seen = np.isfinite(signals[0])
+    noise = fit_autoregression([own - np.mean(own[seen])], MOST_NOISE)
+    table = np.column_stack([columns, *signals]).T
+    white = np.column_stack([whiten(np.where(seen, one, np.nan), noise)[0] for one in table])
+    white, count = white[seen], columns.shape[1]
+    along = np.linalg.qr(white[:, :count])[0].T @ white[:, count:]
+    rest = white[:, count] @ white[:, count] - along[:, 0] @ along[:, 0]
+    return np.asarray(along / np.sqrt(max(rest / (len(white) - count), 1e-300)))
+
+
+def _held_for(mine: Rooted, other: Rooted, basis: Sequence[Array]) -> float:
+    """Share of an interval for which the input of a controller may be held that counts as moving.
+
+    A computer of ``m`` steps a sample is late by half a step, as one of a single step is by half a
+    sample: so what it leaves lies ``1 / m`` of the way from what a continuous controller leaves to
+    what a sampled one does. Its least squares, and their error, say how far.
+
+    Parameters
+    ----------
+    mine, other : Rooted
+        As continuous, and as sampled.
+    basis : sequence of arrays
+        What the references drive, record by record.
+    """
+    ends = [
+        _along(columns, one, one, two)
+        for lefts in zip(*(_residuals(one) for one in (mine, other)), basis, strict=True)
+        for one, two, columns in _outputs(*lefts)
+    ]
+    if not ends:
+        return 0.0
+    here, there = np.vstack(ends).T
+    way = there - here
+    share = max(float(-here @ way / (way @ way)), 0.0)
+    return float(min(np.hypot(share, 1.0 / np.linalg.norm(way)), 1.0))
+
+
+def _outputs(left: Array, right: Array, columns: Array) -> Iterator[tuple[Array, Array, Array]]:
+    """Residuals of every output under both kinds, where both are there."""
+    for one, two in zip(left.T, right.T, strict=True):
+        if np.isfinite(one).sum() >= 2 * columns.shape[1] and np.isfinite(two).any():
+            yield one, two, columns
 
 
 def left_open(
