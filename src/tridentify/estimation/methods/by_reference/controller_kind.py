@@ -196,16 +196,13 @@ class Compared:
         Whether the other kind is clearly likelier.
     told : str
         Which was taken, and what speaks for it.
-    findings : tuple of Finding
-        Where the record does not tell the two apart.
-    moved : (n,) array, optional
-        Root mean square of what the kind may be off by, where the record does not tell it.
+    left : LeftOpen, optional
+        What the record does not exclude.
     """
 
     turned: bool
     told: str
-    findings: tuple[Finding, ...] = ()
-    moved: Array | None = None
+    left: LeftOpen | None = None
 
 
 def compared(mine: Rooted, other: Rooted, taken_for: Assumed) -> Compared:
@@ -241,18 +238,15 @@ def compared(mine: Rooted, other: Rooted, taken_for: Assumed) -> Compared:
         return _faster(mine, other, _held_for(mine, other, basis), against)
     if stays or not ended:
         return Compared(False, against)
-    told, finding = left_open(mine.estimate, other.estimate, rival, taken, even)
-    away = (other.estimate.theta - mine.estimate.theta) / np.sqrt(2.0)
-    return Compared(False, f"{taken}; {told}", finding, away if finding and even else None)
+    away = other.estimate.theta - mine.estimate.theta
+    return Compared(False, taken, LeftOpen(away, rival, taken, even))
 
 
 def _faster(mine: Rooted, other: Rooted, share: float, taken: str) -> Compared:
     """What is to be said of computers of several steps a sample, where one of a single is none."""
     away = share * (other.estimate.theta - mine.estimate.theta)
-    nearer = replace(other.estimate, theta=mine.estimate.theta + away)
     rival = f"a computer {1.0 / max(share, 1e-9):.2g} times as fast as the record"
-    told, finding = left_open(mine.estimate, nearer, rival, taken, even=True)
-    return Compared(False, f"{taken}; {told}", finding, away if finding else None)
+    return Compared(False, taken, LeftOpen(away, rival, taken, even=True, part=1.0))
 
 
 def _alone(right: _Following, wrong: _Following, refuted: Rooted, kept: Rooted) -> bool:
@@ -397,40 +391,59 @@ def _outputs(left: Array, right: Array, columns: Array) -> Iterator[tuple[Array,
             yield one, two, columns
 
 
-def left_open(
-    mine: Estimate, other: Estimate, rival: str, taken: str, even: bool
-) -> tuple[str, tuple[Finding, ...]]:
-    """What is said where the record does not tell the kind: the more, the more hangs on it.
+@dataclass(frozen=True, eq=False)
+class LeftOpen:
+    """Another kind that the record does not exclude: the more is said, the more hangs on it.
 
-    Parameters
+    Attributes
     ----------
-    mine, other : Estimate
-        With the kind that was taken, and with the other.
+    away : (n,) array
+        From the coefficients with the kind that was taken to those with the other.
     rival : str
         The other kind, in words.
     taken : str
         Which was taken and what speaks for it, in words.
     even : bool
         Whether nothing speaks for it, so that the standard errors allow for either.
+    part : float
+        Root mean square of what is off by not knowing, over ``away``.
     """
-    # what is stated are the errors of the kind that was taken, whatever those of the other are
-    size = mine.std + 1e-12 * np.abs(mine.theta) + 1e-300
-    moved = np.where(mine.std > 0.0, np.abs(other.theta - mine.theta) / size, 0.0)
-    k = int(np.argmax(moved))
-    if moved[k] < ASIDE:
-        return "the record does not tell, and the coefficients are the same either way", ()
-    told = (
-        f"the record does not tell; as {rival}, {mine.names[k]} would be "
-        f"{other.theta[k]:.4g} in place of {mine.theta[k]:.4g}"
-    )
-    either = " of one kind; those that are stated allow for either" if even else ""
-    finding = Finding(
-        "intersample",
-        "warning" if moved[k] > APART else "note",
-        f"{taken[0].upper()}{taken[1:]}; {told} ({moved[k]:.2g} standard errors{either}).",
-        "State how the controller works: controller='sampled' or 'continuous' (--controller).",
-    )
-    return told, (finding,)
+
+    away: Array
+    rival: str
+    taken: str
+    even: bool
+    part: float = 1.0 / np.sqrt(2.0)
+
+    def moved(self, mine: Estimate) -> Array | None:
+        """What joins the covariance of an estimate with the kind that was taken, if anything."""
+        matters = self.even and self._far(mine).max() >= ASIDE
+        return self.part * self.away if matters else None
+
+    def said(self, mine: Estimate) -> tuple[str, tuple[Finding, ...]]:
+        """What is told, and to be said, in the errors of an estimate with the kind taken."""
+        far = self._far(mine)
+        k = int(np.argmax(far))
+        if far[k] < ASIDE:
+            return "the record does not tell, and the coefficients are the same either way", ()
+        told = (
+            f"the record does not tell; as {self.rival}, {mine.names[k]} would be "
+            f"{mine.theta[k] + self.away[k]:.4g} in place of {mine.theta[k]:.4g}"
+        )
+        either = " of one kind; those that are stated allow for either" if self.even else ""
+        finding = Finding(
+            "intersample",
+            "warning" if far[k] > APART else "note",
+            f"{self.taken[0].upper()}{self.taken[1:]}; {told} "
+            f"({far[k]:.2g} standard errors{either}).",
+            "State how the controller works: controller='sampled' or 'continuous' (--controller).",
+        )
+        return told, (finding,)
+
+    def _far(self, mine: Estimate) -> Array:
+        """(n,) [standard errors] of the kind that was taken, whatever those of the other are."""
+        size = mine.std + 1e-12 * np.abs(mine.theta) + 1e-300
+        return np.asarray(np.where(mine.std > 0.0, np.abs(self.away) / size, 0.0))
 
 
 def follows(white: Rooted) -> bool:

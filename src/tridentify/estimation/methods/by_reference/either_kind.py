@@ -11,8 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-import numpy as np
-
 from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.closed_loop.between_samples import IN_WORDS
 from tridentify.estimation.closed_loop.driven import driven
@@ -21,8 +19,8 @@ from tridentify.estimation.likelihood.answer import widened_by
 from tridentify.estimation.methods.by_reference.controller_kind import (
     Assumed,
     Compared,
+    LeftOpen,
     follows,
-    left_open,
     may_integrate,
     opposite,
 )
@@ -64,10 +62,10 @@ def of_either_kind(
     if other.follows and not found.follows:
         return _told(found, f"the record speaks against a {kind} one")
     taken = f"controller taken as {words}{taken_for.why}"
-    told, findings = left_open(found.estimate, other.estimate, rival, taken, taken_for.even)
-    if findings and taken_for.even:
-        mine = found.estimate
-        away = (other.estimate.theta - mine.theta) / np.sqrt(2.0)
+    mine = found.estimate
+    left = LeftOpen(other.estimate.theta - mine.theta, rival, taken, taken_for.even)
+    told, findings = left.said(mine)
+    if (away := left.moved(mine)) is not None:
         cov, draws = widened_by(mine.cov, mine.draws, (away,))
         found = replace(found, estimate=replace(mine, cov=cov, draws=draws))
     whole = replace(found.estimate, findings=(*found.estimate.findings, *findings))
@@ -114,9 +112,8 @@ def beside_stable(
     if follows(found):
         return _told(other, f"as {words}, what is left follows the reference")
     taken = f"controller taken as {words}{taken_for.why}"
-    told, findings = left_open(found.estimate, other.estimate, rival, taken, taken_for.even)
-    away = (other.estimate.theta - found.estimate.theta) / np.sqrt(2.0)
-    return Compared(False, f"{taken}; {told}", findings, away if findings else None)
+    away = other.estimate.theta - found.estimate.theta
+    return Compared(False, taken, LeftOpen(away, rival, taken, taken_for.even))
 
 
 def _told(found: NotStable, *words: str) -> NotStable:
