@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from tridentify.estimation.answer.assemble import Request
+from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.closed_loop.between_samples import IN_WORDS
 from tridentify.estimation.closed_loop.driven import driven
 from tridentify.estimation.closed_loop.unstable_answer import NotStable, unstable_estimate
@@ -56,7 +57,8 @@ def of_either_kind(
     parts = [driven(record, between=kind == "continuous") for record in asked.records]
     other = unstable_estimate(parts, kind, asked, coloured, say)
     if other is None:
-        return _told(found, f"as {rival}, no such plant{taken_for.why}")
+        none = f"as {rival}, no such plant{taken_for.why}"
+        return _told(_in_doubt(found, none) if taken_for.even else found, none)
     if taken_for.even and found.follows and not other.follows:
         return _told(other, f"as {words}, what is left follows the reference")
     if other.follows and not found.follows:
@@ -70,6 +72,20 @@ def of_either_kind(
         found = replace(found, estimate=replace(mine, cov=cov, draws=draws))
     whole = replace(found.estimate, findings=(*found.estimate.findings, *findings))
     return _told(replace(found, estimate=whole), told)
+
+
+def _in_doubt(found: NotStable, none: str) -> NotStable:
+    """What is found with one kind alone, where nothing speaks for that: a stable one is tried."""
+    said = Finding(
+        "intersample",
+        "warning",
+        f"The record does not tell how the controller works, and the answer hangs on it: {none} "
+        "is found, that is one that integrates or is unstable.",
+        "State how the controller works: controller='sampled' or 'continuous' (--controller).",
+    )
+    mine = found.estimate
+    whole = replace(mine, findings=(*mine.findings, said))
+    return replace(found, estimate=whole, unseen=True)
 
 
 def beside_stable(
