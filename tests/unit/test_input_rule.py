@@ -112,6 +112,38 @@ def test_a_part_of_a_rule_is_none_however_little_it_leaves(seed):
     assert rule is InputRule.LONGER
 
 
+@pytest.mark.parametrize("noise", [0.0, 1e-6, 1e-4])
+@pytest.mark.fast("0.0")
+def test_a_rule_is_seen_beside_the_noise_and_not_where_there_is_none(noise):
+    """Without noise all signals follow from the reference, and each from any other."""
+    rules = [input_rule([make(12, noise=noise)], 2) for make in (sampled, continuous)]
+    if noise:
+        assert rules == [InputRule.SAMPLED, InputRule.NONE]
+    else:
+        assert rules == [InputRule.UNKNOWN] * 2
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-5])
+@pytest.mark.slow
+def test_a_continuous_loop_without_noise_is_found_to_many_digits(noise):
+    """Its driven input is right between the samples to fourth order in the pieces of intervals."""
+    estimate = tri.identify(continuous(13, noise=noise), tri.Structure(2, 1))
+    assert estimate.loop.sampling == "continuous"
+    assert np.all(np.abs(estimate.theta / TRUTH - 1.0) < (1e-3 * noise / 1e-5 or 1e-6))
+    assert not noise or np.all(np.abs(estimate.theta - TRUTH) < 4.0 * estimate.std)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [14, 15])
+def test_a_dither_without_noise_does_not_tell_the_kind_and_that_is_said(seed):
+    """Beside an integrator both kinds explain such a record with so many poles, to rounding."""
+    _, r = moved(seed)
+    u, y = continuous_loop(CHANNEL, PI, np.zeros(N), np.zeros(N), DT, dither=r)
+    estimate = tri.identify(recorded(u, y, r), tri.Structure(2, 1))
+    assert np.all(np.abs(estimate.theta - TRUTH) < 2.0 * estimate.std)
+    assert any(one.code == "intersample" for one in estimate.findings)
+
+
 @pytest.mark.parametrize("every", [2, 3])
 @pytest.mark.slow
 def test_a_computer_slower_than_the_record_holds_its_input_for_all_to_see(every):

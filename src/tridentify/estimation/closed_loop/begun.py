@@ -18,6 +18,10 @@ from tridentify.numerics.arrays import Array
 from tridentify.numerics.information import aicc_price
 from tridentify.record.record import Record
 
+LEAST = 1e-7
+"""Share of a signal below which what is left of it is none: coefficients are known with no more
+digits where there is no noise."""
+
 
 def with_start(records: list[Record]) -> list[Record]:
     """Records with their start among the references, where it moves one of them.
@@ -79,7 +83,7 @@ def _criterion(part: Driven) -> float:
     total = 0.0
     for series, own in zip(left.T, signals.T, strict=True):
         seen = np.isfinite(series)
-        floor = 1e-20 * float(own[seen] @ own[seen]) + 1e-300
+        floor = LEAST**2 * float(own[seen] @ own[seen]) + 1e-300
         count = float(seen.sum())
         total += count * float(np.log((series[seen] @ series[seen] + floor) / count))
         total += aicc_price(part.columns.shape[1], count)

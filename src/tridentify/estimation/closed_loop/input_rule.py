@@ -13,14 +13,18 @@ two apart without any model of the plant.
 A computer that is slower than the record leaves no such rule, but an input that changes at every
 second or third sample alone, and is held in between for all to see (`is_held`).
 
-Two cases are not told. A controller without memory, ``u = K (r - y)``, makes (1) either way. And
+Three cases are not told. A controller without memory, ``u = K (r - y)``, makes (1) either way. And
 noise that is held over each interval, as in simulations, tells everything: then (1) holds for a
 continuous controller too, but with the states of the plant among those of the rule, so with more
 lags than the plant has poles. Fewer lags are a sampled controller's, if they are the whole rule: of
 fast samples they leave a millionth of the input where more leave nothing. A plant that integrates
 has one state less there: where its output stands is nothing but what the noise is counted from.
 
-A third is not either: a controller that reads more than is recorded (another sensor, an inner
+Nor does a record without noise: all signals of a linear loop then follow from the references, and
+each from any other, whatever the controller. So what is left of (1) counts beside what the input
+moves beyond its own past and the references, which is noise.
+
+A fourth is not either: a controller that reads more than is recorded (another sensor, an inner
 loop), or is not linear, leaves no rule (1) whether it was sampled or not. What a continuous one
 makes of noise between the samples mostly is a small part of what it makes of the samples; where
 more is left, no rule says nothing (`UNSEEN`).
@@ -46,9 +50,10 @@ from tridentify.record.record import Record
 
 LAGS = 6
 """Of each signal, at most: a controller of sixth order, its delays included."""
-EXACT = 1e-6
-"""Share of the moving input that is left of an exact rule, beside the rounding of what is
-recorded: continuous controllers leave 3e-4 to 0.1 (random loops)."""
+EXACT = 1e-4
+"""What is left of an exact rule, beside the rounding of what is recorded, over what the input moves
+beyond its own past and the references: continuous controllers leave 6e-3 and more, whatever the
+noise (random loops)."""
 SHARPER = 3.0
 """Times what more lags leave, that is left of a rule which is not the whole: rounding is reduced by
 less, and what a part of a rule leaves by a hundred and more (random loops)."""
@@ -58,6 +63,8 @@ it holds but for noise between the samples: continuous PI leave 0.006 to 0.04, l
 sampled ones that read another sensor 0.1 and more (28 random loops)."""
 FLOATS = 1e-11
 """Share of the moving input below which what is left is the rounding of the sums."""
+PAST = 2 * LAGS
+"""Lags of the past that the input moves beyond: of as many states as a rule may stand for."""
 COARSE = 3e-3
 """Rounding of the rule over what the input moves beyond its own past and the references, from which
 the rule may be hidden: continuous controllers leave 1e-2 of that at least (random loops)."""
@@ -180,7 +187,7 @@ def _rule(record: Record, j: int, few: int) -> InputRule:
     outer = np.concatenate([_resolution(y), _resolution(reference, converted=False)])
     own = _resolution(u)
 
-    beyond = _beyond_its_past(u, reference, some, j, few)
+    beyond = _beyond_its_past(u, reference, some[some >= PAST], j)
 
     def holds(lags: int) -> tuple[bool | None, float]:
         table = np.hstack(
@@ -226,9 +233,9 @@ def _without_changes(columns: Array, target: Array, some: Indices, lags: int) ->
     return steady
 
 
-def _beyond_its_past(u: Array, reference: Array, some: Indices, j: int, lags: int) -> float:
+def _beyond_its_past(u: Array, reference: Array, some: Indices, j: int) -> float:
     """Usual size of what an input moves beyond its own past and the references."""
-    past = [_lagged(reference, some, range(lags + 1)), _lagged(u, some, range(1, lags + 1))]
+    past = [_lagged(reference, some, range(PAST + 1)), _lagged(u, some, range(1, PAST + 1))]
     table = np.hstack([np.ones((some.size, 1)), *past])
     table = table / (np.linalg.norm(table, axis=0) + 1e-300)
     left = u[some, j] - table @ np.linalg.lstsq(table, u[some, j], rcond=1e-13)[0]
@@ -264,10 +271,11 @@ def _holds(
         left = np.abs(target - whole @ (solved / scale))
         # rounding is uniform over a step and independent from signal to signal
         rounding = float(np.sqrt((step**2 + (solved / scale)[1:] ** 2 @ steps**2) / 12.0))
-        usual = max(float(np.median(left)), rounding, FLOATS * size)
-        if np.mean(left <= EXACT * size + WITHIN * rounding) > MAJORITY:
+        rounding = max(rounding, FLOATS * size)
+        usual = max(float(np.median(left)), rounding)
+        if np.mean(left <= EXACT * beyond + WITHIN * rounding) > MAJORITY:
             return True if rounding < COARSE * beyond else None, usual
-        weights = 1.0 / np.sqrt(np.maximum(left, 1e-3 * EXACT * size))
+        weights = 1.0 / np.sqrt(np.maximum(left, 1e-3 * EXACT * beyond + FLOATS * size))
     return None if float(np.median(left)) < HIDDEN * rounding else False, usual
 
 

@@ -70,7 +70,7 @@ class NotStable:
         Whether what it leaves follows the references.
     unseen : bool
         Whether a pole that is not stable has a zero upon it, a pair that takes up the slow part of
-        a stable plant beside slow noise.
+        a stable plant beside slow noise; or is there with one kind of controller alone.
     innovations : tuple of (n_samples,) arrays
         Errors of the mirrored predictor, per experiment; ``nan`` where nothing was recorded.
     """

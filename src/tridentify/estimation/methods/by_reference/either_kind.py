@@ -11,9 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-import numpy as np
-
 from tridentify.estimation.answer.assemble import Request
+from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.closed_loop.between_samples import IN_WORDS
 from tridentify.estimation.closed_loop.driven import driven
 from tridentify.estimation.closed_loop.unstable_answer import NotStable, unstable_estimate
@@ -21,8 +20,8 @@ from tridentify.estimation.likelihood.answer import widened_by
 from tridentify.estimation.methods.by_reference.controller_kind import (
     Assumed,
     Compared,
+    LeftOpen,
     follows,
-    left_open,
     may_integrate,
     opposite,
 )
@@ -58,20 +57,35 @@ def of_either_kind(
     parts = [driven(record, between=kind == "continuous") for record in asked.records]
     other = unstable_estimate(parts, kind, asked, coloured, say)
     if other is None:
-        return _told(found, f"as {rival}, no such plant{taken_for.why}")
+        none = f"as {rival}, no such plant{taken_for.why}"
+        return _told(_in_doubt(found, none) if taken_for.even else found, none)
     if taken_for.even and found.follows and not other.follows:
         return _told(other, f"as {words}, what is left follows the reference")
     if other.follows and not found.follows:
         return _told(found, f"the record speaks against a {kind} one")
     taken = f"controller taken as {words}{taken_for.why}"
-    told, findings = left_open(found.estimate, other.estimate, rival, taken, taken_for.even)
-    if findings and taken_for.even:
-        mine = found.estimate
-        away = (other.estimate.theta - mine.theta) / np.sqrt(2.0)
+    mine = found.estimate
+    left = LeftOpen(other.estimate.theta - mine.theta, rival, taken, taken_for.even)
+    told, findings = left.said(mine)
+    if (away := left.moved(mine)) is not None:
         cov, draws = widened_by(mine.cov, mine.draws, (away,))
         found = replace(found, estimate=replace(mine, cov=cov, draws=draws))
     whole = replace(found.estimate, findings=(*found.estimate.findings, *findings))
     return _told(replace(found, estimate=whole), told)
+
+
+def _in_doubt(found: NotStable, none: str) -> NotStable:
+    """What is found with one kind alone, where nothing speaks for that: a stable one is tried."""
+    said = Finding(
+        "intersample",
+        "warning",
+        f"The record does not tell how the controller works, and the answer hangs on it: {none} "
+        "is found, that is one that integrates or is unstable.",
+        "State how the controller works: controller='sampled' or 'continuous' (--controller).",
+    )
+    mine = found.estimate
+    whole = replace(mine, findings=(*mine.findings, said))
+    return replace(found, estimate=whole, unseen=True)
 
 
 def beside_stable(
@@ -114,9 +128,8 @@ def beside_stable(
     if follows(found):
         return _told(other, f"as {words}, what is left follows the reference")
     taken = f"controller taken as {words}{taken_for.why}"
-    told, findings = left_open(found.estimate, other.estimate, rival, taken, taken_for.even)
-    away = (other.estimate.theta - found.estimate.theta) / np.sqrt(2.0)
-    return Compared(False, f"{taken}; {told}", findings, away if findings else None)
+    away = other.estimate.theta - found.estimate.theta
+    return Compared(False, taken, LeftOpen(away, rival, taken, taken_for.even))
 
 
 def _told(found: NotStable, *words: str) -> NotStable:

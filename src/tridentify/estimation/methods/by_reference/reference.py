@@ -71,6 +71,7 @@ from tridentify.estimation.methods.by_reference.controller_kind import (
     Assumed,
     Compared,
     Controller,
+    LeftOpen,
     assumed,
     coarse_findings,
     compared,
@@ -178,8 +179,7 @@ def reference_estimate(
     found = _white(parts, kind, asked.structure, plain, near, say, again=known is None)
     taken = of_integrator(taken, found.estimate, asked.records)
     told, how = f"controller taken as {IN_WORDS[kind]}{taken.why}", rule
-    findings: tuple[Finding, ...] = ()
-    moved: Array | None = None
+    left: LeftOpen | None = None
     if known is not None and not exactly:
         say("the loop with the controller given")
         found, how = _with_controller(found, known, rule, asked.structure, plain, near, say)
@@ -192,13 +192,16 @@ def reference_estimate(
     if isinstance(beside, NotStable):
         return beside.estimate
     if beside is not None:
-        told, findings, moved = beside.told, beside.findings, beside.moved
+        told, left = beside.told, beside.left
     elif not taken.certain:
-        found, told, findings, moved = _either(found, taken, asked.structure, near, say)
-    findings = (*following_findings(found), *findings)
-    white = found
+        found, told, left = _either(found, taken, asked.structure, near, say)
+    findings, white = following_findings(found), found
+    moved: Array | None = None
     if coloured is not None:
         found = _with_noise_model(found, asked.structure, coloured, say)
+    if left is not None:
+        moved, (open_, said) = left.moved(found.estimate), left.said(found.estimate)
+        told, findings = f"{told}; {open_}", (*findings, *said)
     found, wider, hanging = _with_all_errors(found, moved)
     rival = partial(_other, white, asked.structure, near, say)
     findings += findings_as_stated(white, found.estimate, taken, rival)
@@ -289,16 +292,16 @@ def _either(
     structure: Structure,
     near: Callable[[TransferFunction], Method],
     say: Callable[[str], None],
-) -> tuple[Rooted, str, tuple[Finding, ...], Array | None]:
+) -> tuple[Rooted, str, LeftOpen | None]:
     """The root for one kind of controller or the other, as the record says."""
     try:
         other = _other(found, structure, near, say)
     except TridentifyError as refused:
         kind = found.loops[0].sampling
         without = f"as {IN_WORDS[opposite(kind)]}, no estimate: {refused}"
-        return found, f"controller taken as {IN_WORDS[kind]}{taken_for.why}; {without}", (), None
+        return found, f"controller taken as {IN_WORDS[kind]}{taken_for.why}; {without}", None
     seen = compared(found, other, taken_for)
-    return other if seen.turned else found, seen.told, seen.findings, seen.moved
+    return other if seen.turned else found, seen.told, seen.left
 
 
 def _white(

@@ -78,7 +78,7 @@ def findings_as_stated(
     if not taken.against and found.still and rival.still:
         even = taken.missing not in (InputRule.NONE, InputRule.UNSEEN)
         seen = compared(found, rival, replace(taken, certain=False, even=even))
-        if even and not (seen.turned or seen.findings):
+        if even and not (seen.turned or (seen.left and seen.left.said(answer)[1])):
             return ()  # the record speaks against the other kind, or nothing hangs on it
         follows = seen.turned
     away = rival.estimate.theta - found.estimate.theta if rival.still else None
