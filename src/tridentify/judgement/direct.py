@@ -35,7 +35,13 @@ from tridentify.judgement.causes.attempts.feedback import Inputs, misses
 from tridentify.judgement.causes.attempts.fewer import NO_RESPONSE, foretold
 from tridentify.judgement.causes.attempts.first_samples import beginning
 from tridentify.judgement.causes.attempts.told_apart import answers_at_once, laws, rests
-from tridentify.judgement.causes.past_outputs import Told, told_by_past, told_finding
+from tridentify.judgement.causes.past_outputs import (
+    Told,
+    exchanged,
+    told_by_past,
+    told_finding,
+    unless_exchanged,
+)
 from tridentify.judgement.validation.assess import (
     LONGEST_LOOK,
     looked_at,
@@ -111,7 +117,7 @@ def directly(
         return None
     # what past outputs tell costs little; all tests cost as much as the search itself
     seen = _held(estimate, records) or _reacts(estimate, records)
-    if not seen:
+    if not seen or exchanged(records):
         return None
     why = f"{seen}, and no reference says what else moved it"
     return _by_direct_route(method, records, structure, progress, why)
@@ -308,6 +314,7 @@ def about_direct(
     """
     told = [] if any(one.code == CODE for one in findings) else _of_past(estimate, records)
     findings = ranked([*findings, *told]) if told else findings
+    findings = unless_exchanged(findings, records)
     if estimate.route != "direct":
         return tuple(findings)
     doubted = estimate.trace.about(DecisionKind.NOT_INDEPENDENT)

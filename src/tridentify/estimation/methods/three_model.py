@@ -290,7 +290,8 @@ class ThreeModel:
                 best, starts = drifted, again
         told = Trace(_way(best, near is None), best.tried, best.decisions, best.end.why)
         reached = Reached.of(best.end, told, starts.scan, best.moved)
-        return replace(reached, reacts=in_loop)
+        degree = 0 if open_ is None else max(choice.drift for choice in open_.choices)
+        return replace(reached, reacts=in_loop, open_drift=degree)
 
     def weighed(self, reached: Reached, say: Progress) -> Ending:
         """Where to end: at the maximum or, where that is not to be trusted, beyond it."""

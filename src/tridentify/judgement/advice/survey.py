@@ -22,7 +22,7 @@ from tridentify.judgement.advice.seen import DelaySeen, behaviours_seen, delay_s
 from tridentify.judgement.advice.slow import DRIFTS, slow_seen
 from tridentify.judgement.causes.attempts.first_samples import beginning
 from tridentify.judgement.causes.attempts.intersample import AUTO, CLEARLY, IN_WORDS, needed_fall
-from tridentify.judgement.causes.past_outputs import told_by_past, told_finding
+from tridentify.judgement.causes.past_outputs import told_by_past, told_finding, unless_exchanged
 from tridentify.judgement.causes.signals.wild_beginning import without_wild_beginning
 from tridentify.judgement.cautions.sensors import seen_in
 from tridentify.judgement.cautions.tones import tone_finding
@@ -157,7 +157,7 @@ def advise(records: Record | Sequence[Record]) -> Advice:
         # an input that reacts to the output seems to act early
         found += _of_behaviour(given, behaviours, best)
     return Advice(
-        ranked([*wild, *found]),
+        ranked([*wild, *unless_exchanged(found, given)]),
         frequency,
         delays,
         _poles(parts, responding, delays),

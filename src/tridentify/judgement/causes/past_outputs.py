@@ -31,6 +31,7 @@ import numpy as np
 
 from tridentify.estimation.answer.finding import Finding
 from tridentify.judgement.causes.attempts.feedback import Inputs
+from tridentify.judgement.causes.attempts.fewer import foretold
 from tridentify.judgement.causes.sensors.input_floor import carries_noise
 from tridentify.judgement.causes.signals.surprises import moved
 from tridentify.numerics.arrays import Array
@@ -135,6 +136,61 @@ def told_by_past(records: Sequence[Record]) -> list[Told | None]:
         clear = [one for one in seen if one is not None]
         found[i] = min(clear, key=lambda one: one.p_value, default=None)
     return found
+
+
+def exchanged(records: Sequence[Record]) -> bool:
+    """Whether what is called the output is a command, and what is called the input answers it.
+
+    It moves as commands do, by what its past tells and by large moves alone; its past tells what
+    the input does next, and the input foretells nothing of it.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Of one input and one output; of others it is not told.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> u, y = np.repeat(rng.choice([-1.0, 1.0], 50), 8), np.zeros(400)
+    >>> for k in range(1, 400):
+    ...     y[k] = 0.9 * y[k - 1] + u[k - 1] + 0.05 * rng.standard_normal()
+    >>> exchanged([Record(y, u, dt=0.1)]), exchanged([Record(u, y, dt=0.1)])
+    (True, False)
+    """
+    if any(one.n_inputs + one.n_outputs > 2 or np.isnan(one.y).any() for one in records):
+        return False
+    # what answers is no command, whatever it does between its samples
+    held = [one.settled("zoh") for one in records]
+    turned = [one._derive(u=one.y, y=one.u) for one in held]
+    told = told_by_past(held)[0] is not None and Inputs.of(turned).commanded
+    return told and foretold(records, PAST_OUTPUTS) is False
+
+
+def unless_exchanged(findings: Sequence[Finding], records: Sequence[Record]) -> list[Finding]:
+    """Findings; where input and output look exchanged that, in place of what comes of it.
+
+    A command holds its values as a slow sensor does, reacts to nothing, and moves what answers it.
+
+    Parameters
+    ----------
+    findings : sequence of Finding
+    records : sequence of Record
+        Of which they were found.
+    """
+    instead = (CODE, "no-response", "stuck-sensor")
+    if not any(one.code in instead for one in findings) or not exchanged(records):
+        return list(findings)
+    (input_,), (output,) = records[0].input_names, records[0].output_names
+    said = Finding(
+        "no-response",
+        "error",
+        f"{output} moves as a command does and {input_} answers it, but what {input_} does tells "
+        f"nothing of {output}: input and output look exchanged.",
+        f"Take {output} for the input and {input_} for the output, or check the columns.",
+        (output,),
+    )
+    return [said, *(one for one in findings if one.code not in instead)]
 
 
 def told_finding(told: Told, inputs: Sequence[str], output: str) -> Finding:

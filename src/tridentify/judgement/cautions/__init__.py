@@ -186,13 +186,16 @@ def _may_be_held(one: Finding, records: Sequence[Record], step: float) -> bool:
 def _beside_hanging(
     tested: Sequence[Finding], hung: Sequence[Finding], step: float
 ) -> list[Finding]:
-    """Without bad samples and lost rows where a sensor hangs, nor another channel from there on."""
+    """Leave out what a sensor that hangs, or rows that are stored twice, make seen there.
+
+    Bad samples, lost rows, disturbances that set in; nor another channel from there on.
+    """
     still = np.array([t for one in hung if one.code == "stuck-sensor" for t in one.times])
 
     def there(one: Finding) -> bool:
         return all(bool(np.any(np.abs(still - t) < 1.5 * step)) for t in one.times)
 
-    at_all = ("bad-samples", "lost-rows")
+    at_all = ("bad-samples", "lost-rows", "drift")
     kept = [one for one in tested if one.code not in at_all or not one.times or not there(one)]
     return [one for one in kept if not still.size or one.code != "channel-changes"]
 

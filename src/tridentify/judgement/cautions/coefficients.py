@@ -18,6 +18,9 @@ BEYOND_RECORD = 3.0
 """Time constant over the length of the record from which its response is hardly seen: in a third
 of a time constant a step reaches 28 % of its end."""
 
+SLOW = "the record shows the beginning of its response alone"
+"""What is said of a pole that is slower than that."""
+
 OVER_WITHIN = 3.0
 """Steps over a time constant from which a response is over within a sample: to a twentieth."""
 SEEN = 0.3
@@ -42,21 +45,26 @@ def coefficient_findings(estimate: Estimate, records: Sequence[Record]) -> list[
     records : sequence of Record
         Those that were identified.
     """
+    outside = _outside(estimate, records)
     return [
         *_no_response(estimate, records),
         *_constant_input(estimate, records),
-        *_vague(estimate),
+        *_vague(estimate, integrates=any(SLOW in one.message for one in outside)),
         *_other_delays(estimate),
-        *_outside(estimate, records),
+        *outside,
         *_at_bounds(estimate),
         *_not_stable(estimate),
     ]
 
 
-def _vague(estimate: Estimate) -> list[Finding]:
-    """Coefficients whose standard error is above half of their value."""
+def _vague(estimate: Estimate, *, integrates: bool) -> list[Finding]:
+    """Coefficients whose standard error is above half of their value.
+
+    ``integrates``: a pole is told that is far slower than the record. Then the last coefficient of
+    the denominator is about zero, no excitation tells it better, and what to do is said with that.
+    """
     found = []
-    wide = unsure(estimate)
+    wide = [name for name in unsure(estimate) if not (integrates and name == "a0")]
     vague = [name for name in wide if not name.startswith("delay")]
     late = [name for name in wide if name.startswith("delay")]
     if vague and np.isnan(estimate.std).all():
@@ -217,8 +225,8 @@ def _outside(estimate: Estimate, records: Sequence[Record]) -> list[Finding]:
                 "outside-the-record",
                 "warning",
                 f"A time constant of {constant:.3g} s is {constant / longest:.1f} times as long as "
-                "the record: the record shows the beginning of its response alone, so that time "
-                "constant and gain depend on what the model assumes.",
+                f"the record: {SLOW}, so that time constant and gain depend on what the model "
+                "assumes.",
                 "Fix the pole at zero if the system integrates (fixed={'a0': 0}; --fix a0=0), use "
                 "one pole fewer with a drift, or record longer.",
             )

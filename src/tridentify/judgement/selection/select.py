@@ -163,7 +163,7 @@ def select_structure(
             settled, work = other, replace(work, records=other.records, identified=None)
             opened = work.opened(structures)
         found = work.selection(structures, opened, settled.unseen, settled.told)
-        other = resettled_again(given, unseen, settled, found.recommended, chosen)
+        other = resettled_again(given, unseen, settled, found.rows, found.recommended, chosen)
         if other is not None:
             work = replace(work, records=other.records, identified=None)
             opened = work.opened(structures)

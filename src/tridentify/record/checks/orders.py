@@ -31,10 +31,10 @@ Number = TypeVar("Number", int, float)
 Matrix = tuple[tuple[Number, ...], ...]
 
 HIGHEST_ORDER = 200
-HIGHEST_DRIFT = 10
-"""Degree of a drift: a polynomial of a higher one follows a response of the record's length."""
 """Most poles of a channel: far below, no digit of a coefficient is left in double precision, and
 the roots of a polynomial of this degree still take milliseconds."""
+HIGHEST_DRIFT = 10
+"""Degree of a drift: a polynomial of a higher one follows a response of the record's length."""
 
 
 def channel_matrix(

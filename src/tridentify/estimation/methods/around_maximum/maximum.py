@@ -108,9 +108,12 @@ class Reached(Ending):
     ----------
     scan : Scan, optional
         The search's last look at other places.
+    open_drift : int
+        Highest degree of a drift that the residual of white weights asked to try; 0 for none.
     """
 
     scan: Scan | None = None
+    open_drift: int = 0
 
     @classmethod
     def of(
