@@ -26,6 +26,25 @@ def largest(numbers: Indices) -> int:
     return found
 
 
+@compiled("int64(int64[::1])", inner=True)
+def summed(numbers: Indices) -> int:
+    """The sum."""
+    found = 0
+    for k in range(numbers.size):
+        found += numbers[k]
+    return found
+
+
+@compiled("int64(int64[:,::1])", inner=True)
+def coefficients(zeros: Indices) -> int:
+    """Coefficients of all numerators, whose degrees are given."""
+    found = zeros.size
+    for i in range(zeros.shape[0]):
+        for j in range(zeros.shape[1]):
+            found += zeros[i, j]
+    return found
+
+
 @compiled(
     "void(float64[:,::1], int64, float64[:,:], float64, float64[:,:], int64, int64)",
     inner=True,

@@ -13,7 +13,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from tridentify.models.compiled_columns import add_combined, add_filtered, leads_to
+from tridentify.models.compiled_columns import (
+    add_combined,
+    add_filtered,
+    coefficients,
+    leads_to,
+)
 from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.numerics.compiled import compiled
 from tridentify.numerics.kernels.polynomials import expanded, numerator_table
@@ -110,7 +115,7 @@ def parallel_fit(
     """
     n_experiments, n_outputs = which.shape
     n_inputs, n_groups, extra = group.shape[1], widths.size, 1 if biproper else 0
-    places, wide = np.empty_like(widths), 0
+    places, wide = np.zeros(n_groups, np.int64), 0
     for g in range(n_groups):
         places[g] = wide
         wide += widths[g]
@@ -327,7 +332,7 @@ def adapted_steps(
     cost, condition : float
         Of Step 2.
     """
-    n_groups, n_poles, n_b = orders.size, firsts[-1] + orders[-1], zeros.size + zeros.sum()
+    n_groups, n_poles, n_b = orders.size, firsts[-1] + orders[-1], coefficients(zeros)
     beta, rows, direct, started, costs, condition = parallel_fit(
         stack, which, targets, first_input, free, nuisance, 2 * orders, firsts * repeats, group,
         b.size, biproper,
@@ -368,10 +373,7 @@ def coefficients_of(
     rows, direct : (n_outputs, n_inputs, q), (n_outputs, n_inputs) arrays
         Outputs on the first states of every denominator's part of the bank.
     """
-    size, place = firsts[-1] + orders[-1], 0
-    for i in range(group.shape[0]):
-        for j in range(group.shape[1]):
-            size += zeros[i, j] + 1
+    place, size = 0, firsts[-1] + orders[-1] + coefficients(zeros)
     found, told = np.zeros(size), np.zeros(orders.size, dtype=np.int64)
     for i in range(group.shape[0]):
         for j in range(group.shape[1]):

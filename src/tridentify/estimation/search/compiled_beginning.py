@@ -106,10 +106,9 @@ def ranked(
         seen = stack
         if any_is_set(constants[v]):
             seen = shifted(charts[0], stack, a, b, constants[v], n_inputs + leading)
-        columns = np.full((1, kept.shape[1]), -1, np.int64)
+        columns = np.zeros((1, kept.shape[1]), np.int64)
         for c in range(kept.shape[1]):
-            if kept[v, c] >= 0:
-                columns[0, c] = first + kept[v, c]
+            columns[0, c] = first + kept[v, c] if kept[v, c] >= 0 else -1
         some, of_each = orders_of(
             seen, which, targets, frees[v : v + 1], columns, biproper, n_inputs, q, most, fewest,
             leading, scales[0], scales[1], prices[v : v + 1],
@@ -178,14 +177,15 @@ def begun(
     seen = stack[k : k + 1]
     if is_shifted:
         seen = shifted(charts[0], seen, a[k : k + 1], b[k : k + 1], added, group.shape[1] + leading)
-    q = b.shape[1]
+    q, width = b.shape[1], np.zeros(1, np.int64)
+    width[0] = q - most
     reduction = reductions(
         seen[0], which, targets[k], leading, frees[v],
         nuisance + (q * (group.shape[1] + leading) + group.shape[1]), orders[k, v], biproper, a[k],
-        b[k], group, zeros, numbers, np.array([q - most]), poles[k, most:].copy(), samples,
+        b[k], group, zeros, numbers, width, poles[k, most:].copy(), samples,
         scales[1],
     )  # fmt: skip
-    counts, floors, weights = scales[0], scales[2], np.ones(scales.shape[1])
+    counts, floors, weights = scales[0], scales[2], np.empty(scales.shape[1])
     first, lowest = poles[0, :0].copy(), np.inf
     for found in (reduction[2], reduction[4]):
         if found.size:
@@ -195,7 +195,10 @@ def begun(
             cost = weigh_outputs(fit_there(charts, own, moved, 2)[4][3], counts, floors, weights)
             if first.size == 0 or cost < lowest:
                 first, lowest = moved, cost
-    state, passed = np.array([np.inf, 0.0]), np.stack((counts, floors, scales[3]))
+    state, passed = np.zeros(2), np.empty((3, counts.size))
+    state[0] = np.inf
+    for i in range(counts.size):
+        passed[0, i], passed[1, i], passed[2, i] = counts[i], floors[i], scales[3, i]
     told = adapted(charts, own, biproper, first, passed, limits, least_gain, state, passes)
     at, lowest = first, np.inf
     for m in range(told[1]):

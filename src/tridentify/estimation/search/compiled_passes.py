@@ -64,7 +64,7 @@ def adapted(
     counts, floors, exact = scales[0], scales[1], scales[2]
     visited = np.empty((most, poles.size), dtype=np.complex128)
     notes, objectives = np.zeros(most, dtype=np.int64), np.zeros(most)
-    weights = np.ones(counts.size)
+    weights = np.empty(counts.size)
     for k in range(most):
         bank, stack, targets, columns, linear = fit_there(charts, shape, poles, REPEATS)
         a, b, basis, _, maps = bank

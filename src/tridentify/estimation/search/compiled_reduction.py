@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tridentify.models.compiled_columns import add_combined, largest, leads_to
+from tridentify.models.compiled_columns import add_combined, coefficients, largest, leads_to, summed
 from tridentify.models.compiled_steps import parallel_fit
 from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.numerics.compiled import compiled
@@ -23,7 +23,7 @@ from tridentify.numerics.kernels.cascades import (
 )
 from tridentify.numerics.kernels.polynomials import numerator_table
 from tridentify.numerics.kernels.small_eigenvalues import eigenvalues
-from tridentify.numerics.kernels.small_least_squares import solve_small
+from tridentify.numerics.kernels.small_least_squares import contiguous, solve_small
 
 
 @compiled("float64[:,::1](float64[:,::1], float64[:,::1])")
@@ -217,11 +217,12 @@ def second_step(
     b: Array, weights: Array, rows: Array, direct: Array, started: Array,
 ) -> Complex:  # fmt: skip
     """Step 2 for all denominators together, or for one alone (``only``, else negative)."""
-    tall, wide = which.size * height, orders.sum() + zeros.size + zeros.sum()
+    poles, tall = summed(orders), which.size * height
+    wide = poles + coefficients(zeros)
     if free:
-        wide += which.size * orders.sum()
+        wide += which.size * poles
     matrix, target = np.zeros((tall, wide)), np.zeros(tall)
-    found, firsts = np.zeros(orders.sum(), np.complex128), np.zeros(orders.size, np.int64)
+    found, firsts = np.zeros(poles, np.complex128), np.zeros(orders.size, np.int64)
     inners, drives, bases, lasts = [a], [b], [a], [b]
     place, at = 0, 0
     for g in range(orders.size):
@@ -241,7 +242,7 @@ def second_step(
             bases.append(basis)
             lasts.append(last)
         at += m
-    x, _, _, _, _ = solve_small(np.ascontiguousarray(matrix[:, :place]), target)
+    x, _, _, _, _ = solve_small(contiguous(matrix[:, :place]), target)
     done, count, at = 0, 0, 0
     for g in range(orders.size):
         n, m = orders[g], sizes[g]
@@ -264,6 +265,14 @@ def second_step(
             done += n
         at += m
     return found[:done].copy()
+
+
+@compiled("int64(complex128[::1], int64, complex128[::1])", inner=True)
+def append(found: Complex, count: int, more: Complex) -> int:
+    """Put more poles behind the first ``count`` of an array; how many there are then."""
+    for k in range(more.size):
+        found[count + k] = more[k]
+    return count + more.size
 
 
 @compiled(
@@ -302,16 +311,19 @@ def reductions(
         By Step 2 for all denominators and for each by itself, and by balanced truncation; empty
         where it was not asked for, there is but one, and there are fewer operators than poles.
     """
-    n_outputs, n_groups, first = len(group), orders.size, np.zeros(1, np.int64)
+    n_outputs, n_groups = len(group), orders.size
+    first, width = np.zeros(1, np.int64), np.zeros(1, np.int64)
+    width[0] = order
     _, rows, direct, started, costs, _ = parallel_fit(
-        stack, which, targets, first_input, free, nuisance, np.array([order]), first,
-        np.zeros_like(group), b.size, biproper,
+        stack, which, targets, first_input, free, nuisance, width, first,
+        np.zeros(group.shape, np.int64), b.size, biproper,
     )  # fmt: skip
     weights = 1.0 / np.sqrt(costs / samples + floors)
     # the free response is not known denominator by denominator, so it is left out
     own, height = free and n_groups == 1, targets.shape[2]
-    together, alone = np.zeros(0, np.complex128), np.zeros(0, np.complex128)
-    shortened = np.zeros(0, np.complex128)
+    together, poles = np.zeros(0, np.complex128), summed(orders)
+    alone, shortened = np.zeros(poles, np.complex128), np.zeros(poles, np.complex128)
+    own_ones, short_ones = 0, 0
     if filters.size:
         for g in range(-1, n_groups if n_groups > 1 else 0):
             found = second_step(
@@ -321,14 +333,15 @@ def reductions(
             if g < 0:
                 together = found
             else:
-                alone = np.concatenate((alone, found))
+                own_ones = append(alone, own_ones, found)
     if order >= largest(orders):
         for g in range(n_groups):
             scaled = np.zeros((group.size, order))
             for i in range(n_outputs):
                 for j in range(group.shape[1]):
                     if group[i, j] == g:
-                        scaled[i * group.shape[1] + j] = weights[i] * rows[i, j, :order]
+                        for k in range(order):
+                            scaled[i * group.shape[1] + j, k] = weights[i] * rows[i, j, k]
             found = truncated(a[:order, :order], scaled, orders[g])
-            shortened = np.concatenate((shortened, found))
-    return rows, costs, together, alone, shortened
+            short_ones = append(shortened, short_ones, found)
+    return rows, costs, together, alone[:own_ones], shortened[:short_ones]

@@ -18,6 +18,16 @@ def singular(matrix: Array) -> tuple[Array, Array, Array]:
     return u, s, vt
 
 
+@compiled("float64[:,::1](float64[:,:])", inner=True, linked=True)
+def contiguous(matrix: Array) -> Array:
+    """A copy row by row."""
+    found = np.empty(matrix.shape)
+    for i in range(matrix.shape[0]):
+        for j in range(matrix.shape[1]):
+            found[i, j] = matrix[i, j]
+    return found
+
+
 @compiled("(float64[:,::1], float64[::1])")
 def solve_small(matrix: Array, target: Array) -> tuple[Array, float, float, Array, Array]:
     """Least squares with unit columns, by SVD.

@@ -17,11 +17,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from tridentify.models.compiled_columns import add_combined, add_filtered, largest, leads_to
+from tridentify.models.compiled_columns import (
+    add_combined,
+    add_filtered,
+    largest,
+    leads_to,
+    summed,
+)
 from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.numerics.compiled import compiled
 from tridentify.numerics.kernels.polynomials import numerator_table
-from tridentify.numerics.kernels.small_least_squares import singular, solve_small
+from tridentify.numerics.kernels.small_least_squares import contiguous, singular, solve_small
 
 Linear = tuple[Array, Array, Array, Array, Array, Array, Indices, Array, Array, Indices, Array]
 """What `fit_outputs` gives."""
@@ -268,7 +274,7 @@ def decomposed(scores: Array, residual: Array) -> tuple[Array, Array, Array, Arr
     for r in range(tall):
         for k in range(s.size):
             projection[k] += u[r, k] * residual[r]
-    return s, np.ascontiguousarray(vt), scale, projection, np.sqrt(total)
+    return s, contiguous(vt), scale, projection, np.sqrt(total)
 
 
 @compiled(
@@ -409,7 +415,7 @@ def moves_at(
     n_experiments, (n_outputs, n_inputs) = len(started), group.shape
     q, n = b.size, firsts[-1] + orders[-1] + n_delays
     sizes = unknowns(free, nuisance.size, n_experiments, orders, group, zeros)
-    moves = np.zeros((n_experiments, n_outputs, n_signals, n + sizes.sum()))
+    moves = np.zeros((n_experiments, n_outputs, n_signals, n + summed(sizes)))
     made = np.zeros((n_experiments, n_outputs, n_signals))
     unit, first_direct = np.eye(n_signals), q * (n_inputs + first_input)
     for e in range(n_experiments):

@@ -33,6 +33,7 @@ from tridentify.estimation.likelihood.compiled.proposal import (
     slope_left,
 )
 from tridentify.estimation.likelihood.compiled.roots import inner_cascades, sorted_poles
+from tridentify.models.compiled_columns import coefficients
 from tridentify.models.compiled_steps import coefficients_of
 from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.numerics.compiled import compiled
@@ -237,11 +238,10 @@ def descend(
     counts, floors, exact = scales[0], scales[1], scales[2]
     settled, least_gain, far_away, least_bend, most_bend, apart, most_damped = rules
     orders, firsts = shape[2], shape[3]
-    samples, n = counts.sum(), poles.size
-    size, taken, tried, note, goes_on = n, 0, 0, 0, True
-    for i in range(shape[5].shape[0]):
-        for j in range(shape[5].shape[1]):
-            size += shape[5][i, j] + 1
+    samples, size = 0.0, poles.size + coefficients(shape[5])
+    for i in range(counts.size):
+        samples += counts[i]
+    taken, tried, note, goes_on = 0, 0, 0, True
     thetas, costs, told = np.zeros((most, size)), np.zeros((most, counts.size)), np.zeros((most, 4))
     objective = weigh_outputs(seen[0], counts, floors, np.empty(counts.size))
     for i in range(counts.size):
