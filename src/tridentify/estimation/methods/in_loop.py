@@ -125,8 +125,9 @@ def looked_for(records: Sequence[Record], structure: Structure) -> Sought | None
     sought = Sought.of(records, structure)
     if sought is None or sought.late:
         return None
-    if sought.drift and not sought.known().integrators:
-        return None  # of a plant that integrates, a level of its input is a drift
+    # of a plant that integrates, a level of its input is a drift
+    if isinstance(structure.drift, int) and structure.drift > sought.known().integrators:
+        return None
     return None if sum(one.n_samples for one in records) > LONGEST else sought
 
 

@@ -18,6 +18,9 @@ what the plant then misses follows the input. Where white weights end at such a 
 the end on whitened samples counts although their residual follows the input, and although the mode
 follows more of the output, if it explains the record: what it leaves does not follow the input, and
 is as little as the predictor leaves, which needs no model of the plant.
+
+What a plant integrates of the forces on it says nothing of how well a simulation may follow. Where
+no end is within the limits, and that from the predictor integrates, the likelihood decides.
 """
 
 from __future__ import annotations
@@ -45,7 +48,7 @@ from tridentify.estimation.likelihood.noise.two_weights import moved_by_weights
 from tridentify.estimation.likelihood.question import Question
 from tridentify.estimation.likelihood.thresholds import CLEARLY, NEAR, RIVAL
 from tridentify.estimation.methods.around_maximum.maximum import Maximum
-from tridentify.estimation.methods.around_maximum.turns import Turns
+from tridentify.estimation.methods.around_maximum.turns import Turns, criterion_with_noise
 from tridentify.estimation.search.found import Starts
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.whiteness import is_white
@@ -145,7 +148,9 @@ def with_noise_model(
     if not (in_loop or case.asked or case.slow) and turns.foretold(first.point):
         return _told(found, FOLLOWED)
     best, likelier = _ends(turns, case, in_loop=in_loop)
-    lost = not case.asked and _is_lost(best.end, first)
+    integrates = _integrates(best.end, likelier.end)
+    best = likelier if integrates else best
+    lost = not (case.asked or integrates) and _is_lost(best.end, first)
     if case.doubtful or (case.slow and lost):
         explaining = next((one for one in (best, likelier) if _explains(one.end, turns)), None)
         if explaining is not None:
@@ -241,6 +246,13 @@ def _follows(best: Finished, first: Finished) -> bool:
     """Whether an end follows the output hardly worse than that with white weights."""
     far = np.any(output_rss(best.point) > LARGE * output_rss(first.point))
     return not far and not _is_lost(best, first)
+
+
+def _integrates(kept: Finished, other: Finished) -> bool:
+    """Whether neither end is within the limits, and the other integrates and is far likelier."""
+    if kept.status is Status.CONVERGED or other.status is not Status.AT_STABILITY_LIMIT:
+        return False
+    return criterion_with_noise(kept.point) - criterion_with_noise(other.point) > RIVAL
 
 
 def _moved(first: Finished, best: Finished) -> Array | None:
