@@ -414,7 +414,11 @@ def _undecided(estimate: Estimate) -> str:
 
 
 def _open(estimate: Estimate) -> KnownDecision | None:
-    kinds = DecisionKind.BETWEEN_DECIDES, DecisionKind.NO_END_TOGETHER
+    kinds = (
+        DecisionKind.BETWEEN_DECIDES,
+        DecisionKind.NO_END_TOGETHER,
+        DecisionKind.ANOTHER_PLANT,
+    )
     return next(iter(estimate.trace.about(*kinds)), None)
 
 

@@ -31,6 +31,7 @@ class DecisionKind(enum.Enum):
     BETWEEN_DECIDES = "what the input does between its samples decides"
     RESTS_ON_HELD = "the input counts as held between its samples, as the record says"
     NO_END_TOGETHER = "plant and noise together come to no end"
+    ANOTHER_PLANT = "another plant is nearly as likely"
     INPUT_TAKEN = "input taken as"
     MOVES_TIMED = "the input moves between its samples: when is estimated along"
     ORDERS_CHOSEN = "poles, zeros ="

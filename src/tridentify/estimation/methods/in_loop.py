@@ -54,8 +54,6 @@ from tridentify.structure import Structure
 ELSEWHERE = 1.0
 """Standard errors from which the steps on all unknowns lead to another place."""
 NO_END = DecisionKind.NO_END_TOGETHER.told(": the record hardly tells one from the other")
-RIVAL = ": another plant is nearly as likely, off by up to"
-ERRORS = "standard errors"
 NOT_HELD = "held, as the record says, is clearly less likely than moved"
 """End of one."""
 MOVES = "coefficients move by up to"
@@ -92,7 +90,8 @@ def found_together(found: Estimate, records: Sequence[Record], *, stated: bool =
     if not best.found.moved < MANY:
         told = (NO_END, *told)
     elif best.rival:
-        told = (DecisionKind.NO_END_TOGETHER.told(f"{RIVAL} {best.rival:.0f} {ERRORS}"), *told)
+        apart = f", off by up to {best.rival:.0f} standard errors"
+        told = (DecisionKind.ANOTHER_PLANT.told(apart), *told)
     other = found.status is not Status.CONVERGED or np.max(np.abs(away) / errors) > ELSEWHERE
     if other:
         cov = best.found.cov + best.spread + spread
