@@ -680,7 +680,8 @@ def test_channels_that_make_no_sense(key, options, kinds):
 def test_nested_orders_for_other_channels(key):
     method = METHODS[key](0.05)
     asked = Structure(2, [[1, 0]], **REST)
-    refused((err.ChannelCountError,), lambda: method.init(asked, 0.05))
+    told = refused((err.ChannelCountError,), lambda: method.init(asked, 0.05))
+    assert "input_names=" in told
 
 
 @every_method

@@ -229,8 +229,13 @@ class Estimator(ABC):
                 f"found drift={structure.drift}; {self.name} on-line expects a slope at most, as a "
                 "polynomial needs the length of the record; state drift=True, or identify off-line"
             )
-        structure.poles_matrix(len(outputs), len(inputs))
-        structure.zeros_matrix(len(outputs), len(inputs))
+        try:
+            structure.poles_matrix(len(outputs), len(inputs))
+            structure.zeros_matrix(len(outputs), len(inputs))
+        except ChannelCountError as wrong:
+            raise ChannelCountError(
+                f"{wrong}, or name as many channels: input_names=, output_names="
+            ) from None
         delays = structure.delay_matrix(len(outputs), len(inputs))
         if len(set(delays)) > 1:
             raise UnsupportedError(
