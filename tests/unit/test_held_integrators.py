@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from tridentify import Record, Structure, ThreeModel, identify
+from tridentify import Record, Structure, ThreeModel, identify, validate
 
 STEP, PARTS = 0.1, 5
 
@@ -69,3 +69,15 @@ def misses(seed: int, lag: float, hand: Hand) -> float:
 @pytest.mark.slow
 def test_what_a_record_hardly_tells_is_not_said_to_be_known(lag, hand):
     assert sum(misses(seed, lag, hand) > 3.5 for seed in range(3)) == 0
+
+
+@pytest.mark.slow
+def test_forces_that_are_integrated_twice_in_open_loop():
+    missed = []
+    for seed in range(3):
+        record, known, gain = held(seed, 0.0, Hand(0.0, 0.0, 1.0))
+        found = identify(record, Structure(2, 0, fixed=known))
+        assert found.route == "open-loop"
+        missed.append(abs(found.theta[2] - gain) / found.std[2])
+        assert validate(found, record).tests
+    assert max(missed) < 3.5

@@ -86,7 +86,10 @@ def found_together(found: Estimate, records: Sequence[Record], *, stated: bool =
         return replace(found, trace=found.trace.told(NO_END))
     away = best.found.plant.theta - known.theta
     errors = np.maximum(best.errors, 1e-300)
-    spread, told = _between(asked.records, best, stated or found.route != "direct")
+    told: tuple[str, ...]
+    spread, told = np.zeros_like(found.cov), ()
+    if found.route == "direct":
+        spread, told = _between(asked.records, best, stated)
     if not best.found.moved < MANY:
         told = (NO_END, *told)
     elif best.rival:

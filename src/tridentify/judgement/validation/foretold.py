@@ -18,8 +18,8 @@ from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.closed_loop.joint import Together
-from tridentify.estimation.closed_loop.unstable_answer import open_loops, orders_of
-from tridentify.estimation.methods.in_loop import plant_of
+from tridentify.estimation.closed_loop.unstable_answer import open_loops
+from tridentify.estimation.methods.in_loop import looked_for, plant_of
 from tridentify.judgement.causes.signals.surprises import moved
 from tridentify.judgement.validation.phrases import one_finding
 from tridentify.judgement.validation.residuals import check_channels
@@ -107,11 +107,14 @@ def validate_foretold(
 
 def _at(estimate: Estimate, records: Sequence[Record]) -> Together | None:
     """The predictor beside these records; None where there is none, or it runs away too."""
-    if orders_of(records, estimate.structure) is None:
+    sought = looked_for(records, estimate.structure)
+    if sought is None:
         return None
     try:
+        plant = plant_of(estimate)
+        plant = sought.within(plant, None, sought.known(plant.scale))
         noise = np.array(estimate.noise_model[0]) if estimate.noise_model else np.zeros(0)
-        found = Together.at(open_loops(records), plant_of(estimate), noise)
+        found = Together.at(open_loops(records), plant, noise)
         return found if np.isfinite(found.size) and found.size > 0 else None
     except (TridentifyError, np.linalg.LinAlgError, ValueError):
         return None
