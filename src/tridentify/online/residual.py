@@ -58,6 +58,35 @@ def left_by(setting: Setting, record: Record, theta: Array) -> Array:
     return _without(*_parts_of(setting, record, theta))
 
 
+class Around(NamedTuple):
+    """What a model leaves, and what a tenth of a standard error of each coefficient changes of it.
+
+    Attributes
+    ----------
+    left : (n_samples, n_outputs) array
+    tables : list of (n_samples, n_poles + 1) array
+        Free responses and a constant, for each output.
+    moves : list of (n_samples, n_outputs) array
+    """
+
+    left: Array
+    tables: list[Array]
+    moves: list[Array]
+
+
+def around(setting: Setting, record: Record, theta: Array, std: Array) -> Slices[Around]:
+    """What a model leaves, and its differences for `SHORT` of each standard error."""
+    driven, tables = _parts_of(setting, record, theta)
+    left, moves = _without(driven, tables), []
+    for k in range(theta.size):
+        yield
+        moved = theta.copy()
+        moved[k] += SHORT * std[k]
+        same = tables if k >= setting.n_poles else None
+        moves.append(_without(*_parts_of(setting, record, moved, same)) - left)
+    return Around(left, tables, moves)
+
+
 def _without(left: Array, tables: Sequence[Array]) -> Array:
     """What is left of each output without its free responses and constant."""
     found = np.array(left)
@@ -68,12 +97,19 @@ def _without(left: Array, tables: Sequence[Array]) -> Array:
     return found
 
 
-def _parts_of(setting: Setting, record: Record, theta: Array) -> tuple[Array, list[Array]]:
-    """What a model that begins at rest leaves; and of each output free responses and a constant."""
+def _parts_of(
+    setting: Setting, record: Record, theta: Array, tables: list[Array] | None = None
+) -> tuple[Array, list[Array]]:
+    """What a model that begins at rest leaves; and of each output free responses and a constant.
+
+    These tables hang on the poles alone: those of a model with the same poles may be given.
+    """
     model, p, n = model_of(setting, theta), setting.n_outputs, setting.n_poles
+    driven = simulate(model, record._derive(u=record.u - record.u[0]))
+    if tables is not None:
+        return record.y - driven, tables
     rested = record._derive(u=np.zeros_like(record.u), intersample="zoh")
     free = [simulate(model, rested, free_response=np.tile(np.eye(n)[k], (p, 1))) for k in range(n)]
-    driven = simulate(model, record._derive(u=record.u - record.u[0]))
     tables = []
     for i in range(p):
         table = np.column_stack([*(one[:, i] for one in free), np.ones(len(driven))])
@@ -222,13 +258,8 @@ def refined(setting: Setting, record: Record, theta: Array, std: Array) -> Slice
     cov = np.zeros((theta.size, theta.size))
     for _ in range(STEPS):
         yield
-        left = left_by(setting, record, theta)
-        slopes = []
-        for k in range(theta.size):
-            yield
-            moved = theta.copy()
-            moved[k] += SHORT * std[k]
-            slopes.append((left_by(setting, record, moved) - left) / (SHORT * std[k]))
+        left, _, moves = yield from around(setting, record, theta, std)
+        slopes = [move / (SHORT * size) for move, size in zip(moves, std, strict=True)]
         rows, targets = [], []
         for i in range(setting.n_outputs):
             a = autoregression(left[:, i])

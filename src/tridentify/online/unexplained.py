@@ -105,14 +105,7 @@ def _explained(
 ) -> Slices[tuple[Gain, Gain]]:
     """What windows of past inputs explain of the residual, and what powers of the inputs do."""
     record = record_of(setting, samples)
-    driven, tables = residual._parts_of(setting, record, theta)
-    left = residual._without(driven, tables)
-    slopes = []
-    for k in range(theta.size):
-        yield
-        moved = theta.copy()
-        moved[k] += residual.SHORT * std[k]
-        slopes.append(residual.left_by(setting, record, moved) - left)
+    left, tables, moves = yield from residual.around(setting, record, theta, std)
     yield
     powers = _responses_to_powers(setting, record, theta)
     past = windows_of(record.u)
@@ -121,7 +114,7 @@ def _explained(
     for one in tries:
         yield
         known = [
-            np.column_stack([*(slope[:, i] for slope in slopes), table])
+            np.column_stack([*(move[:, i] for move in moves), table])
             for i, table in enumerate(tables)
         ]
         found.append(_gain(left, known, one))
