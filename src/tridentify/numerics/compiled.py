@@ -102,7 +102,8 @@ def compiled(
             found = numba.njit(**options)(function)
         with contextlib.suppress(AttributeError):  # another numba
             found._compiler._customize_flags = _SameCallees
-        with _no_collections():
+            _refresh_once(found)
+        with _no_collections(), _no_clocks():
             found.compile(signature)
         found.disable_compile()
         if not inline and not linked:
@@ -138,6 +139,38 @@ def _no_collections() -> Iterator[None]:
     finally:
         if was:
             gc.enable()
+
+
+@contextlib.contextmanager
+def _no_clocks() -> Iterator[None]:
+    """No notes of when each call of LLVM begins and ends.
+
+    There are ten thousands of them, and nobody reads what takes a tenth of the time of loading.
+    """
+    lock: Any = getattr(binding.ffi.lib, "_lock", None)
+    noted = getattr(lock, "_cblist", None)
+    if noted is None:  # another llvmlite
+        yield
+        return
+    lock._cblist = []
+    try:
+        yield
+    finally:
+        lock._cblist = noted
+
+
+def _refresh_once(dispatcher: Any) -> None:
+    """Look for what numba knows of others once, instead of before each function that is loaded.
+
+    What is compiled looks for it on its own.
+    """
+    _refreshed(dispatcher.targetctx)
+    dispatcher._cache.load_overload = dispatcher._cache._load_overload
+
+
+@cache
+def _refreshed(context: Any) -> None:
+    context.refresh()
 
 
 def _call_by_address(library: Any, descriptor: Any) -> None:
