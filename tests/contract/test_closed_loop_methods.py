@@ -63,16 +63,11 @@ def loop_record(
 
 @pytest.mark.parametrize("key", list(MAKERS))
 @pytest.mark.parametrize("entry", ["input", "set point"])
-@pytest.mark.fast(
-    "set point-three-model, controller given",
-    "input-clsrivc",
-    "set point-two-stage",
-    "input-projection",
-)
+@pytest.mark.fast("input-clsrivc", "set point-two-stage", "input-projection")
 def test_truth_without_noise(key: str, entry: str) -> None:
     """Fine samples without noise: what is left is the error between the samples."""
     # the projection knows nothing of the loop's dynamics, and needs a record of many responses
-    record = loop_record(entry, n=3000 if key == "projection" else 400)
+    record = loop_record(entry, n=3000 if key == "projection" else 200)
     found = MAKERS[key]().estimate([record], Structure(2, 0))
     assert found.status.ok
     assert np.allclose(found.theta, TRUE, rtol=0.05)
@@ -95,13 +90,15 @@ def test_a_record_without_a_reference_is_refused_in_one_line(key: str) -> None:
 @pytest.mark.parametrize("entry", ["input", "set point"])
 @pytest.mark.fast("set point")
 def test_where_the_reference_enters_is_found_and_told(entry: str) -> None:
-    record = loop_record(entry, 0.05)
+    record = loop_record(entry, 0.05, n=300)
     part = simulated(record, PLANT, LAW)
     assert isinstance(part, Simulated)
     assert part.entries == (entry,)
-    told = ThreeModel(controller=LAW, noise="white").estimate([record], Structure(2, 0)).trace
+    found = ThreeModel(controller=LAW, noise="white").estimate([record], Structure(2, 0))
     words = "u = r - C y" if entry == "input" else "u = C (r - y)"
-    assert any(words in one for one in told.decisions)
+    assert any(words in one for one in found.trace.decisions)
+    assert found.status.ok
+    assert np.allclose(found.theta, TRUE, rtol=0.15)  # its noise is not the white one stated
 
 
 @pytest.mark.parametrize("entry", ["input", "set point"])

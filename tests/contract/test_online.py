@@ -466,7 +466,7 @@ def test_without_noise_the_truth(key, case, walked):
 @pytest.mark.fast("one zero")
 def test_gradient_comes_to_the_truth(case):
     system = CASES[case]
-    record = system.record(100_000)
+    record = system.record(40_000)
     run = ran(online.Gradient(), record, system.structure, every=1000 * system.dt)
     error = np.max(np.abs(run.theta / system.theta - 1.0), axis=1)
     assert error[-1] < 0.05
@@ -499,7 +499,7 @@ def test_a_structure_that_leaves_things_open(key):
 def test_a_start_takes_the_place_of_the_search(key):
     """With a model to begin from the first estimates come at once and end at the truth."""
     case = CASES["one zero"]
-    record = case.record(2500, noise=0.02)
+    record = case.record(1200, noise=0.02)
     near = TransferFunction([0.25, 0.4], [1.0, 1.4, 2.5])
     plain = METHODS[key](case.dt)
     options = {name: getattr(plain, name) for name in ("drift",) if hasattr(plain, name)}

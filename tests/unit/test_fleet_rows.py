@@ -38,6 +38,7 @@ def moody(tmp_path_factory: pytest.TempPathFactory) -> fleet.Run:
         Structure(2, 0, initial_state="free"),
         fleets.Moody(),
         out=tmp_path_factory.mktemp("moody") / "out",
+        workers=1,  # each of them starts another process after every unit that ends one
         time_limit=1.5,
         memory_limit=2 << 30,
         progress=False,
