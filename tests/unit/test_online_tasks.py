@@ -245,10 +245,10 @@ def test_no_estimate_before_the_input_has_moved_the_plant():
 
 
 def test_findings_of_samples_and_noise():
-    u, y = samples(13, 3000)
-    y = y + 0.3 * coloured(14, 3000)
-    y[2000:2100] = y[2000]
-    y[1000] = np.nan
+    u, y = samples(13, 1500)
+    y = y + 0.3 * coloured(14, 1500)
+    y[1000:1100] = y[1000]
+    y[500] = np.nan
     estimate = online.run(online.ThreeModel(), Record(u, y, dt=DT), ASKED, every=1e9).estimate
     codes = {finding.code for finding in estimate.findings}
     assert {"noise-model", "stuck-sensor", "missing-samples"} <= codes

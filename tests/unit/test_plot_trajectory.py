@@ -24,7 +24,7 @@ def run():
     record = Record(u, y, dt=0.05, units={"valve": "V", "level": "m"}, **names)
     method = online.ThreeModel(forgetting=0.998, on_change="flag")
     asked = Structure(2, 0, offset=False, initial_state="rest")
-    return online.run(method, record, asked, every=1.0)
+    return online.run(method, record, asked, every=3.0)
 
 
 def made_up(**changes):
