@@ -120,13 +120,20 @@ def repeats(record: Record, channel: int) -> tuple[float, int] | None:
     n = record.n_samples
     u = record.u[:, channel] - record.u[:, channel].mean()
     most = int(STRETCHES[-1] * n)
-    energy = np.cumsum(u * u)
-    if most < 2 or not energy[-1] > 0:
+    if most < 2 or not np.any(u):
         return None
+    # each of the two stretches about a mean of its own: inverted or not, a constant may be in both
+    shifts = np.arange(most)
     products = products_at_shifts(u, u)[n - 1 : n - 1 + most]
-    first = energy[n - 1 - np.arange(most)]
-    last = energy[-1] - np.concatenate([[0.0], energy[: most - 1]])
-    correlation = products / np.sqrt(np.maximum(first * last, 1e-300))
+    (first, last), (size, late) = (
+        (sums[n - 1 - shifts], sums[-1] - np.concatenate([[0.0], sums[: most - 1]]))
+        for sums in (np.cumsum(u), np.cumsum(u * u))
+    )
+    squares = (size - first**2 / (n - shifts)) * (late - last**2 / (n - shifts))
+    # a stretch in which the input rests is like no other
+    least = (np.finfo(float).eps * n * size[0]) ** 2
+    likeness = (products - first * last / (n - shifts)) / np.sqrt(np.maximum(squares, least))
+    correlation = np.where(squares > least, likeness, 0.0)
     away = np.flatnonzero(correlation < MOVED_ON)
     if not away.size:
         return None
