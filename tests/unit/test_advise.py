@@ -366,19 +366,3 @@ def test_what_a_heading_sums_up_is_no_drift():
         y = summed + 0.02 * np.std(summed) * rng.standard_normal(N)
         wrong += "drift" in codes(advise(Record(u, y, dt=DT)))
     assert wrong <= 1
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(4))
-def test_half_a_period_of_a_switched_input_is_no_delay(seed):
-    """One node of a circuit to the next: the first is measured, and never quite at rest."""
-    rng, fine = np.random.default_rng([seed, 3]), 10
-    start = rng.integers(0, fine)
-    square = np.where((np.arange(330 * fine) - 39 * fine + start) // (51 * fine) % 2, -0.5, 0.5)
-    first = lfilter([0.05], [1.0, -0.95], square)
-    second = lfilter([0.04], [1.0, -0.96], first)
-    nodes = np.stack([first, second])[:, ::fine]
-    u, y = np.round(nodes * 512.0 + rng.uniform(-0.4, 0.4, nodes.shape)) / 512.0
-    found = advise(Record(u, y, dt=0.001, intersample="auto"))
-    assert "delay" not in codes(found, notes=True)
-    assert all(seen.value < 0.002 for seen in found.delays)

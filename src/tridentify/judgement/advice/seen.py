@@ -19,11 +19,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tridentify.errors import TridentifyError
-from tridentify.estimation.search.delays import repeats
+from tridentify.estimation.search.repeated_input import longest_told
 from tridentify.judgement.causes.attempts.intersample import BEHAVIOURS, is_staircase
 from tridentify.judgement.causes.attempts.parallel import Parallel, WhitenedFit, p_value
 from tridentify.judgement.causes.signals.surprises import moved, small_surprises
-from tridentify.judgement.causes.timing.shifts import EARLIEST
 from tridentify.numerics.arrays import Array
 from tridentify.record.checks.samples import Behaviour, looks_measured
 from tridentify.record.checks.times import typical_step
@@ -107,9 +106,7 @@ def delay_seen(parallel: Parallel, fit: WhitenedFit, input_: int) -> DelaySeen:
     step = typical_step(first.t) if first.dt is None else first.dt
     longest = PART * min(record.duration for record in parallel.records)
     longest = min([longest, *(answered(r, input_, parallel.output) for r in parallel.records)])
-    again = [one for r in parallel.records if (one := repeats(r, input_)) is not None]
-    if len(again) == len(parallel.records):
-        longest = max(min(longest, *(after - EARLIEST * step for after, _ in again)), 0.0)
+    longest = min(longest, longest_told(parallel.records, input_))
     grid = _grid(step, longest)
     poles = list(dict.fromkeys([fit.pole, *parallel.poles()[::2]]))
     orders = sorted({*(order for order in FEW if order < fit.order), fit.order})
