@@ -67,3 +67,12 @@ def test_an_output_a_little_early_is_not_taken_for_half_a_period_late(seed):
     estimate = identify(record, Structure(1, 0, delay="free"))
     assert estimate.parameters["delay"].value < 0.002
     assert estimate.parameters["b0"].value > 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("half", [(0.0, 0.164), (0.165, 0.329)])
+def test_nor_where_little_more_than_a_period_is_recorded(half):
+    record = nodes_of_a_circuit(0).slice(*half)
+    estimate = identify(record, Structure(1, 0, delay="free"))
+    assert estimate.parameters["delay"].value < 0.002
+    assert estimate.parameters["b0"].value > 0

@@ -48,7 +48,11 @@ from tridentify.estimation.likelihood.setup.problem import Problem
 from tridentify.estimation.likelihood.thresholds import EQUAL, HELPED, NEAR, PLAUSIBLE
 from tridentify.estimation.search.band import rate_limits
 from tridentify.estimation.search.following import Search
-from tridentify.estimation.search.repeated_input import LONGEST, longest_told
+from tridentify.estimation.search.repeated_input import (
+    LONGEST,
+    LONGEST_STATED,
+    longest_told,
+)
 from tridentify.estimation.search.stand_ins import SMALL, free_variant, is_large, is_usable, window
 from tridentify.estimation.search.starts import parallel_criteria
 from tridentify.models.regression import Experiment
@@ -60,9 +64,6 @@ from tridentify.structure import InitialState, Structure
 # shares of the shortest record: ends of the stretches of the range, the last one for a start that
 # is known, which leaves no sample out
 STRETCHES = (0.03, 0.1, LONGEST)
-LONGEST_STATED = 0.6
-"""Longest delay over the shortest record where the start is known, and leaves no sample out: the
-rest must show the response."""
 # steps; fewer than a stretch has places would be one place twice
 SHORTEST_STRETCH = 6.0
 # places of a stretch; a place for every width that a function of a parallel model can bridge

@@ -17,6 +17,10 @@ from tridentify.record.record import Record
 LONGEST = 0.3
 """Share of a record within which delays are looked for where its start is not known."""
 
+LONGEST_STATED = 0.6
+"""Longest delay over the shortest record where the start is known, and leaves no sample out: the
+rest must show the response."""
+
 EARLIEST = 5
 """Samples by which an output may come before its input; a shift of more is seen in a plot."""
 
@@ -48,7 +52,7 @@ def longest_told(records: Sequence[Record], channel: int) -> float:
     >>> longest_told([Record(u, u, dt=0.5)], 0)
     7.5
     """
-    found = [repeats(record, channel) for record in records]
+    found = [repeats(record, channel, LONGEST_STATED) for record in records]
     told = [
         max(one[0] - EARLIEST * record.dt, LEAST * one[0])
         for one, record in zip(found, records, strict=True)
@@ -57,7 +61,7 @@ def longest_told(records: Sequence[Record], channel: int) -> float:
     return min(told) if len(told) == len(records) else np.inf
 
 
-def repeats(record: Record, channel: int) -> tuple[float, int] | None:
+def repeats(record: Record, channel: int, within: float = LONGEST) -> tuple[float, int] | None:
     """After how long an input repeats itself, within the range where delays are looked for.
 
     Parameters
@@ -65,6 +69,8 @@ def repeats(record: Record, channel: int) -> tuple[float, int] | None:
     record : Record
     channel : int
         Position of the input.
+    within : float
+        That range, as a share of the record.
 
     Returns
     -------
@@ -82,7 +88,7 @@ def repeats(record: Record, channel: int) -> tuple[float, int] | None:
         return None
     n = record.n_samples
     u = record.u[:, channel] - record.u[:, channel].mean()
-    most = int(LONGEST * n)
+    most = int(within * n)
     if most < 2 or not np.any(u):
         return None
     # each of the two stretches about a mean of its own: inverted or not, a constant may be in both
