@@ -8,7 +8,7 @@ import pytest
 from tridentify import OutputError, Record, Structure, TransferFunction, identify, simulate
 from tridentify.estimation.likelihood.mixture import Component, combined
 from tridentify.estimation.search.delay_search import price
-from tridentify.estimation.search.delays import repeats
+from tridentify.estimation.search.repeated_input import repeats
 
 DT = 0.01
 LATER = "are left out"

@@ -24,7 +24,7 @@ shortest delays first, none on fewer samples than its end allows, and a later de
 the samples that it allows better than the earlier one explains the same samples, both refined on
 them. What it leaves out beyond a tenth of the record counts against it, one for each sample: as
 much as an unknown of its own for each would bring and cost by AIC. A start at rest leaves nothing
-out.
+out. Where all inputs repeat themselves the range ends before they do (`repeated_input`).
 
 All this runs on a stand-in where the record is long, and with a start of every kind that the
 structure allows.
@@ -48,6 +48,11 @@ from tridentify.estimation.likelihood.setup.problem import Problem
 from tridentify.estimation.likelihood.thresholds import EQUAL, HELPED, NEAR, PLAUSIBLE
 from tridentify.estimation.search.band import rate_limits
 from tridentify.estimation.search.following import Search
+from tridentify.estimation.search.repeated_input import (
+    LONGEST,
+    LONGEST_STATED,
+    longest_told,
+)
 from tridentify.estimation.search.stand_ins import SMALL, free_variant, is_large, is_usable, window
 from tridentify.estimation.search.starts import parallel_criteria
 from tridentify.models.regression import Experiment
@@ -58,10 +63,7 @@ from tridentify.structure import InitialState, Structure
 
 # shares of the shortest record: ends of the stretches of the range, the last one for a start that
 # is known, which leaves no sample out
-STRETCHES = (0.03, 0.1, 0.3)
-LONGEST_STATED = 0.6
-"""Longest delay over the shortest record where the start is known, and leaves no sample out: the
-rest must show the response."""
+STRETCHES = (0.03, 0.1, LONGEST)
 # steps; fewer than a stretch has places would be one place twice
 SHORTEST_STRETCH = 6.0
 # places of a stretch; a place for every width that a function of a parallel model can bridge
@@ -182,6 +184,7 @@ def _problems(records: Sequence[Record], structure: Structure) -> list[Problem]:
         moved = any(np.any(record.u[0]) for record in records)
         kinds = ("free", "rest", "equilibrium") if moved else ("free", "rest")
     shortest = min(record.duration for record in records)
+    told = max(longest_told(records, j) for j in range(records[0].n_inputs))
     found = []
     for kind in kinds:
         offset = structure.offset is not False or kind == "equilibrium"
@@ -195,7 +198,7 @@ def _problems(records: Sequence[Record], structure: Structure) -> list[Problem]:
             step = min(e.dt for e in problem.experiments)
             piece = window(problem, SMALL + int(np.ceil(longest / step)))
             piece = piece if is_usable(piece) else problem
-        limits = np.full(problem.n_inputs, min(longest, LONGEST_STATED * piece.shortest))
+        limits = np.full(problem.n_inputs, min(longest, LONGEST_STATED * piece.shortest, told))
         found.append(piece.freed(limits))
     return found
 

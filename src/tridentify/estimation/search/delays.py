@@ -22,8 +22,8 @@ from tridentify.estimation.likelihood.mixture import mixture
 from tridentify.estimation.likelihood.setup.held_past import at_rest
 from tridentify.estimation.likelihood.setup.nuisance import first_explained
 from tridentify.estimation.search.delay_search import ROOM, STRETCHES, DelayPlace
+from tridentify.estimation.search.repeated_input import repeats
 from tridentify.numerics.arrays import Array, Complex
-from tridentify.numerics.correlation import products_at_shifts
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 
@@ -37,9 +37,6 @@ SPARE = 2
 AT_LIMIT = 0.999
 # share of the shortest record that a delay must leave
 LONGEST_SHARE = 0.9
-# correlation with itself, later, at which an input repeats itself, and below which it has moved
-# on before that
-REPEATED, MOVED_ON = 0.99, 0.5
 AT_REST = DecisionKind.INITIAL_STATE.told(" taken as at rest: nothing moves when the record begins")
 
 
@@ -92,52 +89,6 @@ def repeated_inputs(records: Sequence[Record]) -> list[str]:
                 )
             )
     return told
-
-
-def repeats(record: Record, channel: int) -> tuple[float, int] | None:
-    """After how long an input repeats itself, within the range where delays are looked for.
-
-    Parameters
-    ----------
-    record : Record
-    channel : int
-        Position of the input.
-
-    Returns
-    -------
-    tuple or None
-        The time [s] and the sign with which it comes again; None where it does not, or where time
-        is not uniform.
-
-    Examples
-    --------
-    >>> u = np.tile([1.0, 1.0, 1.0, 0.0], 20)
-    >>> repeats(Record(u, u, dt=0.5), 0)
-    (2.0, 1)
-    """
-    if record.dt is None:
-        return None
-    n = record.n_samples
-    u = record.u[:, channel] - record.u[:, channel].mean()
-    most = int(STRETCHES[-1] * n)
-    energy = np.cumsum(u * u)
-    if most < 2 or not energy[-1] > 0:
-        return None
-    products = products_at_shifts(u, u)[n - 1 : n - 1 + most]
-    first = energy[n - 1 - np.arange(most)]
-    last = energy[-1] - np.concatenate([[0.0], energy[: most - 1]])
-    correlation = products / np.sqrt(np.maximum(first * last, 1e-300))
-    away = np.flatnonzero(correlation < MOVED_ON)
-    if not away.size:
-        return None
-    again = np.flatnonzero(np.abs(correlation[away[0] :]) > REPEATED)
-    if not again.size:
-        return None
-    # the highest of those beside each other
-    k = int(away[0] + again[0])
-    while k + 1 < most and abs(correlation[k + 1]) > abs(correlation[k]):
-        k += 1
-    return k * record.dt, int(np.sign(correlation[k]))
 
 
 def other_delays(

@@ -3,9 +3,11 @@
 Each is a comparison of two linear fits on the same whitened samples. A *delay* is where Schwarz's
 criterion is lowest over delayed inputs, the operators' pole and number free again at each: many
 operators stand for a delay, too. Its range is where that criterion, or AICc, which takes more of
-them, is less than 4 above its lowest (95 % where the number is known). *Feedback* is a share of the
-innovations that only later inputs explain: where the input does not react to the output there is
-none (Sims 1972). The input between its samples is compared by `-2 log L`.
+them, is less than 4 above its lowest (95 % where the number is known). An output that comes a
+little before an input that repeats itself looks late by nearly the time after which it does, so
+that no delay is looked for there. *Feedback* is a share of the innovations that only later inputs
+explain: where the input does not react to the output there is none (Sims 1972). The input between
+its samples is compared by `-2 log L`.
 
 Reference: C. Sims, American Economic Review 62 (1972) 540-552.
 """
@@ -17,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tridentify.errors import TridentifyError
+from tridentify.estimation.search.repeated_input import longest_told
 from tridentify.judgement.causes.attempts.intersample import BEHAVIOURS, is_staircase
 from tridentify.judgement.causes.attempts.parallel import Parallel, WhitenedFit, p_value
 from tridentify.judgement.causes.signals.surprises import moved, small_surprises
@@ -103,6 +106,7 @@ def delay_seen(parallel: Parallel, fit: WhitenedFit, input_: int) -> DelaySeen:
     step = typical_step(first.t) if first.dt is None else first.dt
     longest = PART * min(record.duration for record in parallel.records)
     longest = min([longest, *(answered(r, input_, parallel.output) for r in parallel.records)])
+    longest = min(longest, longest_told(parallel.records, input_))
     grid = _grid(step, longest)
     poles = list(dict.fromkeys([fit.pole, *parallel.poles()[::2]]))
     orders = sorted({*(order for order in FEW if order < fit.order), fit.order})
@@ -129,7 +133,7 @@ def delay_seen(parallel: Parallel, fit: WhitenedFit, input_: int) -> DelaySeen:
         first.output_names[parallel.output],
         float(delays[best]),
         min(low for low, _ in ranges),
-        max(high for _, high in ranges),
+        max(step, *(high for _, high in ranges)),
         float(values[delays == 0.0][0, 0] - values[best, 0]),
     )
 

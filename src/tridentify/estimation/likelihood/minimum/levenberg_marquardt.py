@@ -33,6 +33,10 @@ from tridentify.numerics.slices import Slices, drain
 LONG = 50_000
 """Samples from which a step is settled by `thresholds.SETTLED_LONG`: a pass over them takes longer
 than all else a step does."""
+BESIDE = 0.01
+"""Samples to either side of a delay at which the cost itself is looked at."""
+TURNS = 3
+"""Times that poles and delays are finished in turn where they cannot be together."""
 MOST_STEPS = 60
 """Most steps tried, by default; no record of the sensitivity benchmark takes more than half of
 them."""
@@ -259,6 +263,9 @@ def finishing(
         if at_slow_limit(point.poles, problem.slowest).any():
             # rounding hides what is left of the slope where a pole is all but zero
             return point, Status.AT_STABILITY_LIMIT, TOO_SLOW
+        lowest = _beside_a_zero(at, point, most) if point.problem.n_delays and open_ else None
+        if lowest is not None and lowest.objective < point.objective + NEARLY_SETTLED:
+            return lowest, Status.CONVERGED, "no delay and no pole lowers the cost from there"
         return point, Status.STALLED, "no further step lowers the cost"
     return point, Status.MAX_PASSES, f"{most} steps on the output error"
 
@@ -281,6 +288,39 @@ def _on_a_kink(
     if end.objective > point.objective + NEARLY_SETTLED:
         return point, Status.STALLED, "no further step lowers the cost"
     return end, status, f"{why}; a delay lies on a whole step, where the cost has a kink"
+
+
+def _beside_a_zero(at: Callable[..., Point], point: Point, most: int) -> Point | None:
+    """The minimum where the columns of a delay and of a zero are alike; None if there is none.
+
+    ``(b1 p + b0) exp(-d p)`` is ``b0 exp(-(d - b1/b0) p)`` to first order in ``b1``, so that at
+    ``b1 = 0`` the column of the delay is that of ``b1``. What is left of it beside that one,
+    ``c``, vanishes there, but not what the linear model promises of it, ``(r'c)^2 / c'c``: no step
+    keeps that promise. The cost is quadratic in the delay all the same, by its second derivatives,
+    and where these are positive the minimum lies at ``b1 = 0``, which noise decides. So poles are
+    finished with the delays held, and delays by the slope and the bend of the cost itself.
+    """
+    pinned = np.ones(point.problem.n_inputs, dtype=bool)
+    sides = np.eye(pinned.size) * BESIDE * min(e.dt for e in point.problem.experiments)
+    for _ in range(TURNS):
+        delays = point.problem.delays
+        if np.any(delays < sides.sum(axis=0)):
+            return None
+        held, status, _ = finish(at, at(point.poles, delays=delays, pinned=pinned), None, most)
+        point, left = at(held.poles, delays=delays), 0.0
+        for side in sides:
+            later, earlier = (
+                at(held.poles, delays=delays + by, pinned=pinned).objective for by in (side, -side)
+            )
+            slope, bend = (later - earlier) / 2.0, later + earlier - 2.0 * held.objective
+            if status is not Status.CONVERGED or not bend > 0.0:
+                return None
+            left += slope**2 / (2.0 * bend)
+            delays = delays - slope / bend * side
+        if left < NEARLY_SETTLED:
+            return point
+        point = at(held.poles, delays=delays)
+    return None
 
 
 def status_at(held: str) -> Status:

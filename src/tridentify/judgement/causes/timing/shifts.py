@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tridentify.errors import TridentifyError
+from tridentify.estimation.search.repeated_input import EARLIEST
 from tridentify.judgement.causes.attempts.attempt import Attempt, attempt, promise
 from tridentify.judgement.causes.attempts.intersample import IN_WORDS, is_staircase
 from tridentify.judgement.causes.attempts.present import Present
@@ -25,9 +26,6 @@ from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.kept import cached_property
 from tridentify.record.record import Record
-
-EARLIEST = 5
-"""Samples by which an output may come before its input; a shift of more is seen in a plot."""
 
 LATE_LOG = "late-log"
 """Kind of what says so of inputs that are held."""
