@@ -12,7 +12,7 @@ import numpy as np
 from tridentify.errors import OptionError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import ranked
-from tridentify.estimation.closed_loop.moving import any_moves
+from tridentify.estimation.closed_loop.moving import any_moves, with_still
 from tridentify.estimation.likelihood.noise.noise_levels import weighed
 from tridentify.estimation.methods.around_maximum.levels import one_level
 from tridentify.estimation.methods.base import Method, Progress
@@ -212,6 +212,7 @@ def with_judgement(
             kept = estimate.findings
             found = tuple(one for one in found if one.code not in ANSWERED or one in kept)
             found = ranked([*found, *reference_findings(estimate, seen, records)])
+    found = with_still(found, records, estimate.route)
     return estimate.saying(findings=found, call=as_call(method))
 
 

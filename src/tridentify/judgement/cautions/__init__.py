@@ -82,10 +82,12 @@ def judged(
     tested += opposite_findings(estimate, records, [*found, *tested])
     found = _beside_better(found, tested)
     loop = about_loop(estimate, records, tested)
-    if any(one.severity == "error" for one in loop):
-        # nothing else of such a response is the plant's
+    if loop:
+        # nothing else of such a response is the plant's; feedback is, where the plant can be told
+        told = () if any(one.severity == "error" for one in loop) else ("feedback",)
         tested, found = (
-            [one for one in part if one.code not in IN_LOOP] for part in (tested, found)
+            [one for one in part if one.code not in IN_LOOP or one.code in told]
+            for part in (tested, found)
         )
     found += loop
     hung: list[Finding] = []
@@ -204,7 +206,7 @@ MOVING = ("feedback", "nonlinear", "saturation", "delay", "intersample")
 """Causes that only an input that moves tells from others."""
 
 
-IN_LOOP = (*MOVING, "order-low", "order-high", "drift")
+IN_LOOP = (*MOVING, "order-low", "order-high", "drift", "varying", "unmodelled-response")
 """Causes that a controller which alone moves the input makes, or hides."""
 
 
