@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 
 from oracles import sampled_loop
-from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, validate
+from tridentify import (
+    Record,
+    Structure,
+    ThreeModel,
+    TransferFunction,
+    advise,
+    identify,
+    validate,
+)
 from tridentify.errors import ConstantReferenceError
 from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.closed_loop.moving import with_still
@@ -38,6 +46,13 @@ def test_a_set_point_that_never_moves_is_none(noise, route):
     assert "the references never move: taken as none" in found.trace.decisions
     (told,) = [one for one in found.findings if one.code == "loop-not-excited"]
     assert told.message.startswith("The reference stands still (r), drives nothing and counts as")
+
+
+@pytest.mark.slow
+def test_advice_tells_of_a_still_reference_and_does_not_count_on_it():
+    found = {one.code: one for one in advise(held(1.0)).findings}
+    assert found["loop-not-excited"].message.startswith("The reference stands still (r)")
+    assert not any("the reference is there" in one.remedy for one in found.values())
 
 
 def test_what_a_still_reference_means_is_said_beside_what_was_found():

@@ -101,7 +101,11 @@ def with_still(
             for one in findings
         )
     loop = route == "direct"
-    what = "what moves the input beside the controller was not recorded" if loop else "open loop"
+    what = (
+        "what moves the input beside the controller was not recorded"
+        if loop
+        else "no feedback was found"
+    )
     remedy = f"{MOVE}." if loop else ""
     said = Finding(CODE, "warning" if loop else "note", f"{still}: {what}.", remedy)
     return ranked([*findings, said])
