@@ -29,7 +29,7 @@ from tridentify.judgement.choice import (
     with_behaviour,
     with_judgement,
 )
-from tridentify.judgement.direct import directly, not_stable, widened
+from tridentify.judgement.direct import directly, held_in_loop, not_stable, widened
 from tridentify.judgement.long_record import identified
 from tridentify.judgement.selection.orders import default_candidates
 from tridentify.judgement.selection.select import select_structure
@@ -219,11 +219,18 @@ def search(
                 estimate, used = _beside_times(estimate, used, chosen, progress)
             ended = _told(estimate, asked, wild)
             return Searched(ended, used, lambda: ended)
-        found, seen, between, told = with_behaviour(chosen, given, wanted, progress)
+        try:
+            found, seen, between, told = with_behaviour(chosen, given, wanted, progress)
+        except UnsupportedOrderError:
+            seen = [record.settled("zoh") for record in given]
+            held = held_in_loop(chosen, seen, wanted, progress)
+            if held is None:
+                raise
+            found, between, told = held, None, ()
         found = having_left_out(found, left_out)
         first, stated = found, all(record.intersample != "auto" for record in given)
         again = directly(chosen, found, seen, wanted, progress)
-        if not (stated or again):
+        if not (stated or again or found.route == "direct"):
             found, seen = with_times(chosen, found, seen, wanted, progress)
             between = None if is_timed(found) else between
         found = widened(again or found, seen, stated=stated)

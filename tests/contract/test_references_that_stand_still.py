@@ -4,8 +4,18 @@ import numpy as np
 import pytest
 
 from oracles import sampled_loop
-from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, validate
+from tridentify import (
+    Record,
+    Structure,
+    ThreeModel,
+    TransferFunction,
+    advise,
+    identify,
+    validate,
+)
 from tridentify.errors import ConstantReferenceError
+from tridentify.estimation.answer.finding import Finding
+from tridentify.estimation.closed_loop.moving import with_still
 from tridentify.estimation.methods.closed_loop.projection import Projection
 from tridentify.estimation.methods.closed_loop.simulated_instruments import (
     ClosedLoopRefinedInstrumentalVariable,
@@ -34,7 +44,50 @@ def test_a_set_point_that_never_moves_is_none(noise, route):
     found = identify(record, Structure(2, 1), quick)
     assert found.route == route
     assert "the references never move: taken as none" in found.trace.decisions
-    assert "loop-not-excited" in {one.code for one in found.findings}
+    (told,) = [one for one in found.findings if one.code == "loop-not-excited"]
+    assert told.message.startswith("The reference stands still (r), drives nothing and counts as")
+
+
+@pytest.mark.slow
+def test_advice_tells_of_a_still_reference_and_does_not_count_on_it():
+    found = {one.code: one for one in advise(held(1.0)).findings}
+    assert found["loop-not-excited"].message.startswith("The reference stands still (r)")
+    assert not any("the reference is there" in one.remedy for one in found.values())
+
+
+def test_what_a_still_reference_means_is_said_beside_what_was_found():
+    law = Finding("loop-not-excited", "error", "u follows from y.", "Move the set point.")
+    still, alone = held(1.0), held(1.0).select(references=[])
+    (said,) = with_still([law], [still], "direct")
+    assert said.message.endswith("counts as none: u follows from y.")
+    assert with_still([law], [alone], "direct") == (law,)
+    ways = {route: with_still([], [still], route)[0] for route in ("direct", "open-loop")}
+    assert {route: one.severity for route, one in ways.items()} == {
+        "direct": "warning",
+        "open-loop": "note",
+    }
+
+
+@pytest.mark.slow
+def test_a_plant_that_a_controller_holds_is_found_where_stable_poles_cancel():
+    rng, n = np.random.default_rng(12), 600
+    total, last, slope = [0.0], [0.0], [0.0]
+
+    def control(k, y):
+        total[0] += 0.04 * (20.0 - y[0])
+        slope[0] += 0.33 * ((y[0] - last[0]) / 0.05 - slope[0])
+        last[0] = y[0]
+        return 2.8 * (20.0 - y[0]) + total[0] - 1.2 * slope[0]
+
+    plant = ([1.0], [1.0, 0.65, -0.65])
+    u, y = sampled_loop([[plant]], control, 0.05 * rng.standard_normal((n, 1)), 0.05)
+    record = Record(u + 5.0, y, dt=0.05, intersample="zoh", reference=np.full(n, 20.0))
+    found = identify(record, Structure(2, 0))
+    assert found.route == "direct"
+    assert np.all(np.abs(found.theta - [0.65, -0.65, 1.0]) < 4.0 * found.std)
+    told = {one.code: one for one in found.findings}
+    assert "stands still (r)" in told["loop-not-excited"].message
+    assert "order-low" not in told
 
 
 def test_a_set_point_that_never_moves_changes_no_digit():

@@ -12,7 +12,7 @@ import numpy as np
 from tridentify.errors import OptionError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import ranked
-from tridentify.estimation.closed_loop.moving import any_moves
+from tridentify.estimation.closed_loop.moving import any_moves, with_still
 from tridentify.estimation.likelihood.noise.noise_levels import weighed
 from tridentify.estimation.methods.around_maximum.levels import one_level
 from tridentify.estimation.methods.base import Method, Progress
@@ -42,6 +42,7 @@ from tridentify.judgement.causes.attempts.intersample import (
 from tridentify.judgement.causes.attempts.told_apart import about_loop
 from tridentify.judgement.cautions import judged
 from tridentify.judgement.cautions.coefficients import coefficient_findings
+from tridentify.judgement.cautions.sensors import recorded_findings
 from tridentify.judgement.direct import about_direct, predictor_findings
 from tridentify.judgement.validation.reacting_reference import reference_findings
 from tridentify.record.checks.samples import Behaviour
@@ -205,13 +206,15 @@ def with_judgement(
     if seen is None:
         of_the_plant = coefficient_findings(estimate, list(records))
         known = [*estimate.findings, *of_the_plant, *predictor_findings(estimate, records)]
+        known += recorded_findings(estimate, records)
         found = ranked([*known, *about_loop(estimate, records, known)])
     else:
-        found = about_direct(judged(estimate, seen, between), estimate, records)
+        found = about_direct(judged(estimate, seen, between, records), estimate, records)
         if estimate.route == "reference":
             kept = estimate.findings
             found = tuple(one for one in found if one.code not in ANSWERED or one in kept)
             found = ranked([*found, *reference_findings(estimate, seen, records)])
+    found = with_still(found, records, estimate.route)
     return estimate.saying(findings=found, call=as_call(method))
 
 

@@ -23,6 +23,7 @@ from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.decision import DecisionKind, KnownDecision
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding, ranked
+from tridentify.estimation.closed_loop.moving import MOVE, still_names
 from tridentify.estimation.likelihood.answer import widened_by
 from tridentify.estimation.likelihood.question import silently
 from tridentify.estimation.methods.base import Method, Progress
@@ -120,6 +121,42 @@ def directly(
     if not seen or exchanged(records):
         return None
     why = f"{seen}, and no reference says what else moved it"
+    return _by_direct_route(method, records, structure, progress, why)
+
+
+def held_in_loop(
+    method: Method, records: Sequence[Record], structure: Structure, progress: Progress | None
+) -> Estimate | None:
+    """Estimate by the direct route what no stable model told apart, where a controller shows.
+
+    The likeliest stable stand-in of a plant that is held may be one of poles that cancel, which no
+    record determines; where past outputs tell the input, plant and noise may be found together.
+
+    Parameters
+    ----------
+    method : Method
+    records : sequence of Record
+        With the behaviour of their inputs settled.
+    structure : Structure
+    progress : callable, optional
+
+    Returns
+    -------
+    Estimate or None
+        None where no controller shows, another route was asked for, or it leads nowhere.
+    """
+    if not (isinstance(method, ThreeModel) and method.route == "auto"):
+        return None
+    if (
+        method.noise == "white"
+        or method.loss != "squared"
+        or any(one.dt is None for one in records)
+    ):
+        return None
+    law = any(one.lags is not None and not rests(records, one.input) for one in laws(records))
+    if not law and not any(told_by_past(records)):
+        return None
+    why = "a controller moves the input, and no stable model tells the coefficients apart"
     return _by_direct_route(method, records, structure, progress, why)
 
 
@@ -335,14 +372,14 @@ def about_direct(
                 _ahead(estimate, records),
                 one.effect,
             ),
-            remedy=_with_statement(_remedy(one), estimate),
+            remedy=_with_statement(_remedy(one, records), estimate),
         )
         if one.code == CODE
         else one
         for one in findings
     ]
     if undecided and not any(one.code == CODE for one in found):
-        found.append(_alone(estimate))
+        found.append(_alone(estimate, records))
     order = sorted(found, key=lambda one: one.severity != "error")
     return tuple(order)
 
@@ -377,16 +414,16 @@ def predictor_findings(estimate: Estimate, records: Sequence[Record]) -> tuple[F
     # of short loops that are moved one in ten tells no more, and may be right all the same
     weak = foretold(records, poles) is False
     unseen = (replace(NO_RESPONSE, severity="warning"),) if weak else ()
-    return (_alone(estimate), *unseen)
+    return (_alone(estimate, records), *unseen)
 
 
-def _alone(estimate: Estimate) -> Finding:
-    undecided = _undecided(estimate)
+def _alone(estimate: Estimate, records: Sequence[Record]) -> Finding:
+    undecided, known = _undecided(estimate), _known(records)
     return Finding(
         CODE,
         "error" if undecided else "warning",
         "The input reacts to the output (feedback), and no reference says what else moved it.",
-        _with_statement(f"{KNOWN[0].upper()}{KNOWN[1:]}", estimate),
+        _with_statement(f"{known[0].upper()}{known[1:]}", estimate),
         estimate.output_names,
         effect=_sentences(_said(), undecided, _rests(estimate)),
     )
@@ -444,10 +481,17 @@ def _ahead(estimate: Estimate, records: Sequence[Record]) -> str:
     )
 
 
-def _remedy(feedback: Finding) -> str:
-    at_once = NO_CONTROLLER in feedback.remedy.lower()
-    told = f"{NO_CONTROLLER} {KNOWN}" if at_once else KNOWN
+def _remedy(feedback: Finding, records: Sequence[Record]) -> str:
+    known = _known(records)
+    told = f"{NO_CONTROLLER} {known}" if NO_CONTROLLER in feedback.remedy.lower() else known
     return f"{told[0].upper()}{told[1:]}"
+
+
+def _known(records: Sequence[Record]) -> str:
+    """What to do about feedback: a reference is missing, or stands still."""
+    if not still_names(records):
+        return KNOWN
+    return f"{MOVE[0].lower()}{MOVE[1:]}."
 
 
 def _fails(estimate: Estimate, records: Sequence[Record]) -> bool:

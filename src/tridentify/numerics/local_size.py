@@ -25,6 +25,8 @@ few."""
 CHANGES = 2.5
 """Size of the noise around the upper tenth of the samples over that around the lower tenth from
 which it changes: 1.7 where it is chance."""
+MOST_HELD = 8
+"""Samples over which noise is held at most."""
 MANY = 2000
 """Windows that are looked at: of more every few."""
 LEAST = 0.1
@@ -111,6 +113,38 @@ def changes_size(values: Array) -> bool:
         np.median(windows[:: 1 + len(windows) // MANY], axis=1), (0.1, 0.9)
     ).tolist()
     return bool(high > CHANGES * low)
+
+
+def over_phases(values: Array) -> Array:
+    """Each sample over the size of those as many samples away, where every k-th is large alone.
+
+    What is held over k samples is new at every k-th: the innovations between are small, their
+    middle is no size of the others, and a fifth to a half of all would look like far samples.
+
+    Parameters
+    ----------
+    values : (n_samples,) array
+        About zero; ``nan`` marks a missing sample.
+
+    Returns
+    -------
+    (n_samples,) array
+        The values as they are where no phase stands out, or there are too few.
+
+    Examples
+    --------
+    >>> noise = np.random.default_rng(0).standard_normal(800)
+    >>> held = noise * np.where(np.arange(800) % 5, 0.1, 1.0)
+    >>> round(float(np.max(np.abs(over_phases(held)))), 1), over_phases(noise) is noise
+    (3.6, True)
+    """
+    best, found = CHANGES, values
+    for held in range(2, min(MOST_HELD, values.size // FEWEST_OF_ONE) + 1):
+        sizes = np.array(sizes_of([values[phase::held] for phase in range(held)]))
+        rest, largest = np.partition(sizes, -2)[-2:].tolist()
+        if rest > 0.0 and largest > best * rest:
+            best, found = largest / rest, values / np.resize(sizes, values.size)
+    return found
 
 
 def over_own_size(series: Sequence[Array]) -> tuple[Array, ...]:

@@ -129,6 +129,33 @@ def autocorrelation_of_fit(
     return _moments(value, trace, square, m)
 
 
+def spread_of_products(residuals: Sequence[Array], n_lags: int) -> Array:
+    """Variance of each autocorrelation over that of noise of one size.
+
+    Where large samples meet large ones at some lags, as those of held noise do, products there
+    scatter by more (Lo & MacKinlay, Review of Financial Studies 1 (1988) 41-66).
+
+    Parameters
+    ----------
+    residuals : sequence of (n,) arrays
+        One for each experiment; zero where a sample is missing.
+    n_lags : int
+
+    Examples
+    --------
+    >>> spread_of_products([np.tile([1.0, 0.0], 500)], 2).round(2).tolist()
+    [0.0, 2.0]
+    """
+    squares = [one**2 for one in residuals]
+    mean = sum(float(one.sum()) for one in squares) / sum(one.size for one in squares)
+    found = np.zeros(n_lags)
+    for k in range(1, n_lags + 1):
+        rows = [(one[k:], one[:-k]) for one in squares if one.size > k]
+        count = sum(a.size for a, _ in rows)
+        found[k - 1] = sum(float(a @ b) for a, b in rows) / max(count * mean**2, 1e-300)
+    return found
+
+
 def _shifted(q: NDArray[Any], n_lags: int) -> Array:
     """(K, K) ``tr(Q' L_j L_k Q)`` of one experiment, ``L_k q`` being ``(q(t + k) + q(t - k)) / 2``.
 

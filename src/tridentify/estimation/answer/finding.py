@@ -68,6 +68,7 @@ KINDS: Mapping[str, str] = MappingProxyType(
         "clocks": "of varying: clocks of the channels that run apart",
         "friction": "of nonlinear: play or dry friction",
         "held": "of stuck-sensor: friction may hold what moves",
+        "slow-sensor": "of stuck-sensor: each value is held until the next one, throughout",
         "missing-code": "of stuck-sensor: a number that stands for a missing value",
         "floor": "of input-noise: white noise beside a smooth input, seen in its spectrum",
         "opposite": "of disagreeing-experiments, another-system: a channel has the opposite sign",

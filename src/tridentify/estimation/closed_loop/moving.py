@@ -9,13 +9,22 @@ alone, which are not known: the coefficients are told, if at all, by shapes of t
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from tridentify.errors import ConstantReferenceError
-from tridentify.estimation.answer.finding import Finding
+from tridentify.estimation.answer.finding import Finding, ranked
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
+
+CODE = "loop-not-excited"
+
+MOVE = (
+    "Move the set point (steps, PRBS) and record it as reference, or give a test signal that was "
+    "added to the input as one"
+)
+"""What to do where no reference moves."""
 
 APART = 1e-3
 """Movement that does not follow another reference, of all movement, from which it is one."""
@@ -58,6 +67,50 @@ def refuse_still(asked: str, records: Sequence[Record], instead: str) -> None:
     )
 
 
+def still_names(records: Sequence[Record]) -> str:
+    """Names of the references, where all records have some and none moves; empty otherwise.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    """
+    if any(one.reference is None for one in records) or any_moves(records):
+        return ""
+    return ", ".join(sorted({name for one in records for name in one.reference_names}))
+
+
+def with_still(
+    findings: Sequence[Finding], records: Sequence[Record], route: str
+) -> tuple[Finding, ...]:
+    """Findings, with the word that no reference moves, and what the record tells then.
+
+    Parameters
+    ----------
+    findings : sequence of Finding
+    records : sequence of Record
+    route : str
+        Of the estimate.
+    """
+    names = still_names(records)
+    if not names:
+        return tuple(findings)
+    still = f"The reference stands still ({names}), drives nothing and counts as none"
+    if any(one.code == CODE for one in findings):
+        return tuple(
+            replace(one, message=f"{still}: {one.message}") if one.code == CODE else one
+            for one in findings
+        )
+    loop = route == "direct"
+    what = (
+        "what moves the input beside the controller was not recorded"
+        if loop
+        else "no feedback was found"
+    )
+    remedy = f"{MOVE}." if loop else ""
+    said = Finding(CODE, "warning" if loop else "note", f"{still}: {what}.", remedy)
+    return ranked([*findings, said])
+
+
 def together_findings(records: Sequence[Record]) -> tuple[Finding, ...]:
     """What is to be said of fewer independent references than inputs.
 
@@ -72,7 +125,7 @@ def together_findings(records: Sequence[Record]) -> tuple[Finding, ...]:
     moving = "one independent reference" if few == 1 else f"{few} independent references"
     return (
         Finding(
-            "loop-not-excited",
+            CODE,
             "warning",
             f"{len(names)} inputs ({', '.join(names)}) are driven by {moving}: what tells one "
             "input's effect from another's is the unknown dynamics of the controllers alone.",

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tridentify.errors import TooFewSamplesError, TridentifyError
 from tridentify.estimation.answer.finding import Finding, ranked
+from tridentify.estimation.closed_loop.moving import still_names, with_still
 from tridentify.judgement.advice.frequency import (
     FrequencyResponse,
     check_surveyed,
@@ -129,6 +130,9 @@ def advise(records: Record | Sequence[Record]) -> Advice:
                 "anything of a record; record longer"
             )
     given, wild = without_wild_beginning(given)
+    asked = given
+    if still_names(asked):
+        given = [one.select(references=[]) for one in asked]
     frequency, parts = _measured(given), [beginning(record, LONGEST) for record in given]
     still = not any(np.ptp(record.u, axis=0).any() for record in parts)
     outputs = [glance(parts, i, frequency) for i in range(first.n_outputs)]
@@ -156,8 +160,10 @@ def advise(records: Record | Sequence[Record]) -> Advice:
     if not any(finding.code == "feedback" for finding in found):
         # an input that reacts to the output seems to act early
         found += _of_behaviour(given, behaviours, best)
+    route = "direct" if any(one.code == "feedback" for one in found) else "open-loop"
+    told = ranked([*wild, *unless_exchanged(found, given)])
     return Advice(
-        ranked([*wild, *unless_exchanged(found, given)]),
+        with_still(told, asked, route),
         frequency,
         delays,
         _poles(parts, responding, delays),

@@ -34,6 +34,7 @@ from tridentify.judgement.cautions.residual import (
     slow_findings,
 )
 from tridentify.judgement.cautions.sensors import sensor_findings
+from tridentify.judgement.cautions.stuck import SLOW
 from tridentify.judgement.cautions.tones import tone_findings
 from tridentify.judgement.validation.assess import looked_at
 from tridentify.judgement.validation.explained import HEADLINES, TRIED, WITHOUT_THEM
@@ -42,7 +43,10 @@ from tridentify.record.record import Record
 
 
 def judged(
-    estimate: Estimate, records: Sequence[Record], between: Behaviours | None = None
+    estimate: Estimate,
+    records: Sequence[Record],
+    between: Behaviours | None = None,
+    recorded: Sequence[Record] | None = None,
 ) -> tuple[Finding, ...]:
     """What a reader should know before using the numbers.
 
@@ -53,6 +57,8 @@ def judged(
         Those that were identified.
     between : Behaviours, optional
         What other behaviours of the input between its samples would make of the records.
+    recorded : sequence of Record, optional
+        What sensors gave, where the estimate is a fit to what a reference drives of it.
 
     Returns
     -------
@@ -69,6 +75,7 @@ def judged(
     'no-response'
     """
     known = Predictions(estimate)
+    recorded = records if recorded is None else recorded
     # those of the method come first: what it alone could see
     found = [*estimate.findings, *coefficient_findings(estimate, records)]
     if not any(one.code == "no-response" for one in found):
@@ -82,16 +89,18 @@ def judged(
     tested += opposite_findings(estimate, records, [*found, *tested])
     found = _beside_better(found, tested)
     loop = about_loop(estimate, records, tested)
-    if any(one.severity == "error" for one in loop):
-        # nothing else of such a response is the plant's
+    if loop:
+        # nothing else of such a response is the plant's; feedback is, where the plant can be told
+        told = () if any(one.severity == "error" for one in loop) else ("feedback",)
         tested, found = (
-            [one for one in part if one.code not in IN_LOOP] for part in (tested, found)
+            [one for one in part if one.code not in IN_LOOP or one.code in told]
+            for part in (tested, found)
         )
     found += loop
     hung: list[Finding] = []
     for number, record in enumerate(records):
         found += _missing(record, number if len(records) > 1 else None)
-        hung += sensor_findings(estimate, record, number, known)
+        hung += sensor_findings(estimate, record, number, known, recorded[number])
         if not tested:
             found += residual_findings(estimate, record, number, known)
     if not any(one.matters and one.code != "noise-model" for one in tested):
@@ -103,10 +112,14 @@ def judged(
     tested, seen = (_beside_hanging(one, hung, step) for one in (tested, seen))
     if any(one.code == "wraps-round" for one in hung):
         tested = []  # whatever else it looks like is looked at when it is undone
+    slow = {name for one in hung if one.kind == SLOW for name in one.outputs}
+    tested, seen = (_beside_slow(one, slow) for one in (tested, seen))
     undone = any(one.kind == "missing-code" or one.code == "wraps-round" for one in hung)
     if undone or any(one.kind == "scale" and one.matters for one in tested):
         found = [one for one in found if one.code != "no-response"]  # it was not looked at yet
-    seen = _beside_causes([*seen, *with_stuck_tried(hung, estimate, records, known)], tested)
+    seen = _beside_causes(
+        [*seen, *with_stuck_tried(hung, estimate, records, known, recorded)], tested
+    )
     if all(not np.any(np.ptp(record.u, axis=0)) for record in records):
         tested, found = _of_constant_inputs(tested, found)
     explained = any(one.code in EXPLAIN and one.matters and one.remedy for one in tested)
@@ -200,11 +213,20 @@ def _beside_hanging(
     return [one for one in kept if not still.size or one.code != "channel-changes"]
 
 
+def _beside_slow(found: Sequence[Finding], slow: set[str]) -> list[Finding]:
+    """Leave out what held values of an output look like; a controller is there all the same."""
+    return [
+        one
+        for one in found
+        if one.code == "feedback" or not (one.outputs and slow >= {*one.outputs})
+    ]
+
+
 MOVING = ("feedback", "nonlinear", "saturation", "delay", "intersample")
 """Causes that only an input that moves tells from others."""
 
 
-IN_LOOP = (*MOVING, "order-low", "order-high", "drift")
+IN_LOOP = (*MOVING, "order-low", "order-high", "drift", "varying", "unmodelled-response")
 """Causes that a controller which alone moves the input makes, or hides."""
 
 

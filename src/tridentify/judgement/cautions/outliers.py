@@ -34,6 +34,7 @@ from tridentify.numerics.local_size import (
     changes_size,
     farthest_by_chance,
     over_local_size,
+    over_phases,
 )
 from tridentify.numerics.quantiles import median, root_mean_square
 from tridentify.record.record import Record
@@ -148,6 +149,10 @@ def _far_samples(series: Sequence[Array], a: Array) -> tuple[list[tuple[int, int
     # an experiment too short for a size of its own is judged by that of all
     series = _of_one_size(series, a)
     left = [_from_neighbours((one - middle) / scale, _taps(a)) for one in series]
+    new = [whiten(np.ascontiguousarray(one - middle), a)[0] for one in series]
+    if any(over_phases(one) is not one for one in new):
+        # held noise is new at every k-th sample alone, and the middle is no size of that
+        return [], 0.0
     if not any(changes_size(one) for one in left):
         places, farthest = _outliers(series, middle, scale)
         return (places, farthest) if places or not a.size else spikes(series, a)

@@ -106,7 +106,11 @@ SPOILT_THERE = ("wraps-round", "stuck-sensor")
 
 
 def with_stuck_tried(
-    found: Sequence[Finding], estimate: Estimate, records: Sequence[Record], known: Predictions
+    found: Sequence[Finding],
+    estimate: Estimate,
+    records: Sequence[Record],
+    known: Predictions,
+    recorded: Sequence[Record],
 ) -> list[Finding]:
     """With what the estimate would be without the samples of a sensor that hung.
 
@@ -118,10 +122,13 @@ def with_stuck_tried(
     records : sequence of Record
         Those that were identified.
     known : Predictions
+    recorded : sequence of Record
+        As the sensors gave them.
     """
     if not any(one.code in SPOILT_THERE for one in found):
         return list(found)
-    stuck = [stuck_samples(estimate, record, e, known) for e, record in enumerate(records)]
+    pairs = zip(records, recorded, strict=True)
+    stuck = [stuck_samples(estimate, a, e, known, b) for e, (a, b) in enumerate(pairs)]
     effect = _without(estimate, records, stuck, known)
     return [replace(one, effect=effect) if one.code in SPOILT_THERE else one for one in found]
 

@@ -76,7 +76,11 @@ TURNING = 0.5
 
 
 def sensor_findings(
-    estimate: Estimate, record: Record, experiment: int, known: Predictions | None = None
+    estimate: Estimate,
+    record: Record,
+    experiment: int,
+    known: Predictions | None = None,
+    recorded: Record | None = None,
 ) -> list[Finding]:
     """Coarse steps, limits, hanging and repeats in one record.
 
@@ -89,15 +93,56 @@ def sensor_findings(
         Its position among those identified.
     known : Predictions, optional
         What was computed before.
+    recorded : Record, optional
+        What the sensors gave, where the estimate is a fit to something else.
     """
-    record = beginning(record, LONGEST)
-    fitted = (known or Predictions(estimate)).fitted(record, experiment)
+    record, fitted = _given(estimate, record, experiment, known, recorded)
     several = len(estimate.nuisance) > 1
     return seen_in(record, fitted, estimate.noise_variance, experiment if several else None)
 
 
+def _given(
+    estimate: Estimate,
+    record: Record,
+    experiment: int,
+    known: Predictions | None,
+    recorded: Record | None,
+) -> tuple[Record, Array]:
+    """What sensors gave, and what the estimate makes of it.
+
+    What a reference drives is no value of a sensor: nothing of it repeats, and no step is seen.
+    """
+    record = beginning(record, LONGEST)
+    fitted = (known or Predictions(estimate)).fitted(record, experiment)
+    if recorded is None or recorded is record:
+        return record, fitted
+    given = beginning(recorded, LONGEST)
+    return given, given.y - record.y + fitted
+
+
+def recorded_findings(estimate: Estimate, records: Sequence[Record]) -> list[Finding]:
+    """The same of a plant whose response no record shows: beside the sample before, each.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    records : sequence of Record
+    """
+    found = []
+    for number, whole in enumerate(records):
+        record = beginning(whole, LONGEST)
+        before = np.vstack([record.y[:1], record.y[:-1]])
+        place = number if len(records) > 1 else None
+        found += seen_in(record, before, estimate.noise_variance, place)
+    return found
+
+
 def stuck_samples(
-    estimate: Estimate, record: Record, experiment: int, known: Predictions | None = None
+    estimate: Estimate,
+    record: Record,
+    experiment: int,
+    known: Predictions | None = None,
+    recorded: Record | None = None,
 ) -> NDArray[np.bool_]:
     """Samples that the remedy of a sensor that hung, or repeats its values, leaves out.
 
@@ -107,13 +152,14 @@ def stuck_samples(
     record : Record
     experiment : int
     known : Predictions, optional
+    recorded : Record, optional
+        As in `sensor_findings`.
 
     Returns
     -------
     (n_samples, n_outputs) bool array
     """
-    short = beginning(record, LONGEST)
-    fitted = (known or Predictions(estimate)).fitted(short, experiment)
+    short, fitted = _given(estimate, record, experiment, known, recorded)
     stuck = np.zeros(record.y.shape, dtype=bool)
     for seen, name in _seen(short, fitted, estimate.noise_variance, ""):
         for first, length in seen.lost:

@@ -83,6 +83,10 @@ CHANCE = 14.0
 """Log of one over the probability that all changes fall on multiples by chance: 1e-6."""
 
 
+SLOW = "slow-sensor"
+"""Kind of what is said of a sensor that is slower than the record."""
+
+
 class Seen(NamedTuple):
     """A finding whose samples are not yet times.
 
@@ -391,6 +395,7 @@ def _slow(usual: int, regular: bool, lengths: Ints, name: str) -> Seen:
         f"Output {name} repeats each value {how}, although the signal moves: its sensor is slower "
         "than the record by that factor. Held values delay the response and spoil the zeros.",
         f"Mark the repeats as missing ({keep} of each value, set the others to nan){rates}.",
+        kind=SLOW,
     )
 
 

@@ -22,6 +22,7 @@ import numpy as np
 from tridentify.judgement.causes.attempts.attempt import Attempt
 from tridentify.judgement.causes.attempts.direct_part import has_direct_part
 from tridentify.judgement.causes.attempts.present import Present
+from tridentify.judgement.causes.attempts.told_apart import laws
 from tridentify.judgement.causes.signals.inner_states import against, gripping, inner_states, turns
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.realization import sort_poles
@@ -332,7 +333,8 @@ def varying_rivals(present: Present) -> Iterator[Rival]:
 def order_rivals(present: Present) -> Iterator[Rival]:
     """One or two poles more, or another zero, and where their new poles may begin.
 
-    As many zeros as poles too, where an output follows an input at once.
+    As many zeros as poles too, where an output follows an input at once. Not where outputs alone
+    tell an input: with a direct part that is the controller, backwards, which leaves nothing.
     """
     if not isinstance(present.order, int):
         return
@@ -352,8 +354,11 @@ def order_rivals(present: Present) -> Iterator[Rival]:
         full = np.ones_like(zeros)
         wanted += [(n, n * full, (present.poles,)), (n + 1, (n + 1) * full, real)]
         wanted += [(n + 2, (n + 2) * full, pairs)]
+    held = present.records[0].dt is not None and any(
+        law.lags is not None for law in laws(present.records)
+    )
     for order, m, starts in wanted:
-        if order > MOST_POLES:
+        if order > MOST_POLES or (held and np.any(m >= order)):
             continue
         yield _of_order(present, order, m, starts)
 

@@ -50,12 +50,18 @@ from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import most_coefficients
 from tridentify.numerics.kept import cached_property
 from tridentify.numerics.lagrange import added_each, span
-from tridentify.numerics.local_size import changes_size, over_local_size, over_own_size
+from tridentify.numerics.local_size import (
+    changes_size,
+    over_local_size,
+    over_own_size,
+    over_phases,
+)
 from tridentify.numerics.portmanteau import (
     Autocorrelation,
     Portmanteau,
     autocorrelation_of_fit,
     portmanteau,
+    spread_of_products,
 )
 from tridentify.numerics.robust import median_scale
 
@@ -309,7 +315,7 @@ class _Tests:
 
     @cached_property
     def normality(self) -> Normality:
-        plain, changes = self._plain, False
+        plain, changes = tuple(map(over_phases, self._plain)), False
         if self.scale < CALLED:
             # noise that changes its size has far samples and uncertain correlations
             plain, changes = self._levelled(plain), any(map(changes_size, over_own_size(plain)))
@@ -410,7 +416,12 @@ def without_outliers(view: View, index: int, found: Evidence) -> View:
 
 def _autocorrelation(output: Output, own: tuple[Array, Array], n_lags: int) -> Autocorrelation:
     seen = [one.astype(np.float64) for one in output.seen]
-    return autocorrelation_of_fit(split(output, own[0]), seen, split(output, own[1]), n_lags)
+    left = split(output, own[0])
+    found = autocorrelation_of_fit(left, seen, split(output, own[1]), n_lags)
+    if all(over_phases(one) is one for one in left):
+        return found
+    size = np.sqrt(spread_of_products(left, n_lags))
+    return found._replace(value=found.mean + (found.value - found.mean) / np.maximum(size, 1.0))
 
 
 def _is_white(output: Output, larger: tuple[Array, ...], noise: Array) -> float:
