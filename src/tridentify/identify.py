@@ -215,7 +215,7 @@ def search(
                 estimate = with_judgement(
                     widened(again, used, stated=stated), used, chosen, None, told
                 )
-            if not (stated or again):
+            if not (stated or again or estimate.route == "direct"):
                 estimate, used = _beside_times(estimate, used, chosen, progress)
             ended = _told(estimate, asked, wild)
             return Searched(ended, used, lambda: ended)

@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import lfilter
 
 from tridentify import Estimate, Record, Structure, ThreeModel, TransferFunction, identify, simulate
-from tridentify.judgement.direct import LOW, _ahead
+from tridentify.judgement.direct_findings import LOW, _ahead
 
 pytestmark = pytest.mark.unjudged
 PLANT = TransferFunction([2.0], [1.0, 2.0])

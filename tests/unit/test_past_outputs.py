@@ -8,7 +8,7 @@ from scipy.signal import lfilter, lsim
 
 from tridentify import OutputError, Record, Structure, advise, identify
 from tridentify.judgement.causes.past_outputs import told_by_past
-from tridentify.judgement.direct import about_direct
+from tridentify.judgement.direct_findings import about_direct
 from tridentify.judgement.selection.paired import Unseen
 from tridentify.judgement.selection.rule import Trial, recommend
 

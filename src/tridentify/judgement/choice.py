@@ -43,7 +43,7 @@ from tridentify.judgement.causes.attempts.told_apart import about_loop
 from tridentify.judgement.cautions import judged
 from tridentify.judgement.cautions.coefficients import coefficient_findings
 from tridentify.judgement.cautions.sensors import recorded_findings
-from tridentify.judgement.direct import about_direct, predictor_findings
+from tridentify.judgement.direct_findings import about_direct, predictor_findings
 from tridentify.judgement.validation.reacting_reference import reference_findings
 from tridentify.record.checks.samples import Behaviour
 from tridentify.record.record import Record

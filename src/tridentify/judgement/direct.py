@@ -20,28 +20,23 @@ import numpy as np
 
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.assemble import Request
-from tridentify.estimation.answer.decision import DecisionKind, KnownDecision
+from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.answer.estimate import Estimate
-from tridentify.estimation.answer.finding import Finding, ranked
-from tridentify.estimation.closed_loop.moving import MOVE, still_names
 from tridentify.estimation.likelihood.answer import widened_by
 from tridentify.estimation.likelihood.question import silently
 from tridentify.estimation.methods.base import Method, Progress
 from tridentify.estimation.methods.by_reference.not_stable import may_be_unstable, unless_unstable
 from tridentify.estimation.methods.explained import explained_records
-from tridentify.estimation.methods.in_loop import NOT_HELD, found_together, wanders
+from tridentify.estimation.methods.in_loop import found_together, wanders
 from tridentify.estimation.methods.output_error import OutputError
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.causes.attempts.feedback import Inputs, misses
-from tridentify.judgement.causes.attempts.fewer import NO_RESPONSE, foretold
 from tridentify.judgement.causes.attempts.first_samples import beginning
 from tridentify.judgement.causes.attempts.told_apart import answers_at_once, laws, rests
 from tridentify.judgement.causes.past_outputs import (
     Told,
     exchanged,
     told_by_past,
-    told_finding,
-    unless_exchanged,
 )
 from tridentify.judgement.validation.assess import (
     LONGEST_LOOK,
@@ -50,7 +45,6 @@ from tridentify.judgement.validation.assess import (
     own_look,
 )
 from tridentify.judgement.validation.residuals import Output, View, root_of
-from tridentify.judgement.validation.verdict import NO_CONTROLLER
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.lagrange import span
 from tridentify.record.record import Record
@@ -63,24 +57,6 @@ DECIDES = 2.0
 
 MOST_SHARED = 0.99
 """Of the information on a combination of coefficients: errors grow at most tenfold."""
-
-HELD = 95
-"""Percent of 95 % intervals that held the truth where no error was said: 496 coefficients of 156
-random loops (`benchmarks/trust.py`, feedback); of plants that are stable, integrate or are not
-stable alike."""
-
-KNOWN = (
-    "record what the controller was told to follow and give it as reference, open the loop, or "
-    "add a test signal that is large against the feedback."
-)
-
-BACKWARDS = (
-    "Without a model of the noise these may be the numbers of the controller, backwards, or of a "
-    "stand-in."
-)
-
-LOW = 50.0
-"""Fit [percent] up to which it is said what it is the fit of."""
 
 NOT_EXPLAINED = 1e-4
 """p-value of past inputs and outputs in the innovations, from which the direct route has failed."""
@@ -112,16 +88,29 @@ def directly(
     Estimate or None
         None where nothing calls for it, another route was asked for, or it leads nowhere.
     """
+    why = why_directly(method, estimate, records)
+    if not (why and isinstance(method, ThreeModel)):
+        return None
+    return _if_it_leads(method, records, structure, progress, why)
+
+
+def why_directly(method: Method, estimate: Estimate, records: Sequence[Record]) -> str:
+    """Why the direct route is to be taken; empty where nothing calls for it, or it was not left.
+
+    Parameters
+    ----------
+    method, estimate, records
+        As of `directly`.
+    """
     if not (isinstance(method, ThreeModel) and method.route == "auto" and estimate.status.ok):
-        return None
+        return ""
     if method.noise == "white" or method.loss != "squared" or estimate.route != "open-loop":
-        return None
+        return ""
     # what past outputs tell costs little; all tests cost as much as the search itself
     seen = _held(estimate, records) or _reacts(estimate, records)
     if not seen or exchanged(records):
-        return None
-    why = f"{seen}, and no reference says what else moved it"
-    return _by_direct_route(method, records, structure, progress, why)
+        return ""
+    return f"{seen}, and no reference says what else moved it"
 
 
 def held_in_loop(
@@ -157,7 +146,7 @@ def held_in_loop(
     if not law and not any(told_by_past(records)):
         return None
     why = "a controller moves the input, and no stable model tells the coefficients apart"
-    return _by_direct_route(method, records, structure, progress, why)
+    return _if_it_leads(method, records, structure, progress, why)
 
 
 def _reacts(estimate: Estimate, records: Sequence[Record]) -> str:
@@ -170,7 +159,7 @@ def _reacts(estimate: Estimate, records: Sequence[Record]) -> str:
 def _held(estimate: Estimate, records: Sequence[Record]) -> str:
     """What shows that a controller moves an input where no residual does; empty for nothing."""
     names = estimate.input_names
-    for told in _told(estimate, records):
+    for told in told_by_outputs(estimate, records):
         if told is not None:
             return f"past outputs tell what {names[told.input]} does next"
     if answers_at_once(estimate) or not all(one.dt and one.behaviour == "zoh" for one in records):
@@ -181,7 +170,7 @@ def _held(estimate: Estimate, records: Sequence[Record]) -> str:
     return ""
 
 
-def _told(estimate: Estimate, records: Sequence[Record]) -> list[Told | None]:
+def told_by_outputs(estimate: Estimate, records: Sequence[Record]) -> list[Told | None]:
     """Which input the past of each output tells, in what every estimate is judged by."""
     if answers_at_once(estimate) or any(
         one.dt is None or one.reference is not None for one in records
@@ -190,21 +179,41 @@ def _told(estimate: Estimate, records: Sequence[Record]) -> list[Told | None]:
     return told_by_past([beginning(one, LONGEST_LOOK) for one in records])
 
 
-def _by_direct_route(
+def by_direct_route(
+    method: ThreeModel,
+    records: Sequence[Record],
+    structure: Structure,
+    progress: Progress | None,
+    why: str,
+) -> Estimate:
+    """Estimate by the direct route, and say in the trace why.
+
+    Parameters
+    ----------
+    method : ThreeModel
+        With any route.
+    records, structure, progress
+        As of `directly`.
+    why : str
+        What `why_directly` says.
+    """
+    (progress or silently)("feedback: the direct route")
+    found = replace(method, route="direct").estimate(records, structure, progress)
+    return replace(found, trace=found.trace.told(DecisionKind.DIRECT_ROUTE.told(f": {why}")))
+
+
+def _if_it_leads(
     method: ThreeModel,
     records: Sequence[Record],
     structure: Structure,
     progress: Progress | None,
     why: str,
 ) -> Estimate | None:
-    (progress or silently)("feedback: the direct route")
     try:
-        found = replace(method, route="direct").estimate(records, structure, progress)
+        found = by_direct_route(method, records, structure, progress, why)
     except TridentifyError:
         return None
-    if not found.status.ok:
-        return None
-    return replace(found, trace=found.trace.told(DecisionKind.DIRECT_ROUTE.told(f": {why}")))
+    return found if found.status.ok else None
 
 
 def not_stable(
@@ -255,7 +264,7 @@ def not_stable(
         return found
     # what runs away stayed within its record although the input was not commanded: it was held
     why = "the plant runs away by itself, and what moved its input held it"
-    held = _by_direct_route(method, records, structure, progress, why)
+    held = _if_it_leads(method, records, structure, progress, why)
     return found if held is None else widened(held, records, stated=stated)
 
 
@@ -295,12 +304,16 @@ def _doubted(estimate: Estimate, records: Sequence[Record]) -> Estimate:
     """
     # the output of a plant that is not stable is explained by a predictor, not by a simulation
     shown = explained_records(estimate, records) is not None
-    white = _white(estimate, records) if shown and _fails(estimate, records) else None
+    white = (
+        with_white_weights(estimate, records)
+        if shown and hold_past_samples(estimate, records)
+        else None
+    )
     if white is None:
         return estimate
     moves = (white.theta - estimate.theta, *root_of(white).T)
     cov, draws = widened_by(estimate.cov, estimate.draws, moves)
-    apart = _apart(estimate, white)
+    apart = moved_by_weights(estimate, white)
     told = estimate.trace.told(DecisionKind.NOT_INDEPENDENT.told(f": {apart}"))
     return replace(estimate, cov=cov, draws=draws, trace=told)
 
@@ -335,166 +348,7 @@ def _shared(output: Output) -> Array:
     return found
 
 
-def about_direct(
-    findings: Sequence[Finding], estimate: Estimate, records: Sequence[Record]
-) -> tuple[Finding, ...]:
-    """Findings of an estimate, with feedback that past outputs alone show.
-
-    By the direct route, with what hangs on the model of the noise.
-
-    Parameters
-    ----------
-    findings : sequence of Finding
-    estimate : Estimate
-    records : sequence of Record
-        Those that were identified.
-    """
-    told = [] if any(one.code == CODE for one in findings) else _of_past(estimate, records)
-    findings = ranked([*findings, *told]) if told else findings
-    findings = unless_exchanged(findings, records)
-    if estimate.route != "direct":
-        return tuple(findings)
-    doubted = estimate.trace.about(DecisionKind.NOT_INDEPENDENT)
-    weak, undecided = bool(doubted) or _fails(estimate, records), _undecided(estimate)
-    hangs = doubted[0].rest if doubted else ""
-    if not (hangs or undecided):
-        white = _white(estimate, records)
-        hangs = "" if white is None else _apart(estimate, white)
-    found = [
-        replace(
-            one,
-            severity="error" if weak or undecided else one.severity,
-            effect=_sentences(
-                _said(weak, bool(doubted)),
-                undecided,
-                "" if undecided else hangs,
-                _rests(estimate),
-                _ahead(estimate, records),
-                one.effect,
-            ),
-            remedy=_with_statement(_remedy(one, records), estimate),
-        )
-        if one.code == CODE
-        else one
-        for one in findings
-    ]
-    if undecided and not any(one.code == CODE for one in found):
-        found.append(_alone(estimate, records))
-    order = sorted(found, key=lambda one: one.severity != "error")
-    return tuple(order)
-
-
-def _of_past(estimate: Estimate, records: Sequence[Record]) -> list[Finding]:
-    """Feedback that past outputs show: an error of what is taken for an open loop."""
-    if estimate.route == "reference":
-        return []
-    found = [
-        told_finding(one, estimate.input_names, name)
-        for one, name in zip(_told(estimate, records), estimate.output_names, strict=False)
-        if one is not None
-    ]
-    if estimate.route == "direct":
-        return found
-    return [replace(one, severity="error", effect=BACKWARDS) for one in found]
-
-
-def predictor_findings(estimate: Estimate, records: Sequence[Record]) -> tuple[Finding, ...]:
-    """What is to be said of a plant that is not stable, by the direct route.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        That of the mirrored predictor, of which no residual can be shown.
-    records : sequence of Record
-        Those that were identified.
-    """
-    if estimate.route != "direct":
-        return ()
-    poles = max(den.size - 1 for row in estimate.model.den for den in row)
-    # of short loops that are moved one in ten tells no more, and may be right all the same
-    weak = foretold(records, poles) is False
-    unseen = (replace(NO_RESPONSE, severity="warning"),) if weak else ()
-    return (_alone(estimate, records), *unseen)
-
-
-def _alone(estimate: Estimate, records: Sequence[Record]) -> Finding:
-    undecided, known = _undecided(estimate), _known(records)
-    return Finding(
-        CODE,
-        "error" if undecided else "warning",
-        "The input reacts to the output (feedback), and no reference says what else moved it.",
-        _with_statement(f"{known[0].upper()}{known[1:]}", estimate),
-        estimate.output_names,
-        effect=_sentences(_said(), undecided, _rests(estimate)),
-    )
-
-
-def _with_statement(remedy: str, estimate: Estimate) -> str:
-    """With the statement that settles what the input does between its samples."""
-    told = _open(estimate)
-    if _rests(estimate) or (told is not None and NOT_HELD in told):
-        kind, between = "may work in continuous time", "auto"
-    elif told is not None and told.kind is DecisionKind.BETWEEN_DECIDES:
-        kind, between = "works on the recorded samples", "zoh"
-    else:
-        return remedy
-    return (
-        f"{remedy} If the controller {kind}, it may be enough to state intersample='{between}' "
-        f"(--intersample {between})."
-    )
-
-
-def _undecided(estimate: Estimate) -> str:
-    """That the record cannot tell the plant; empty where it can."""
-    told = _open(estimate)
-    return "" if told is None else f"The record cannot tell the plant: {told}"
-
-
-def _open(estimate: Estimate) -> KnownDecision | None:
-    kinds = (
-        DecisionKind.BETWEEN_DECIDES,
-        DecisionKind.NO_END_TOGETHER,
-        DecisionKind.ANOTHER_PLANT,
-    )
-    return next(iter(estimate.trace.about(*kinds)), None)
-
-
-def _rests(estimate: Estimate) -> str:
-    """What hangs on an input that is said to be held; empty where little does."""
-    told = next(iter(estimate.trace.about(DecisionKind.RESTS_ON_HELD)), "")
-    return f"{told[0].upper()}{told[1:]}" if told else ""
-
-
-def _ahead(estimate: Estimate, records: Sequence[Record]) -> str:
-    """What a low fit says, which is that of a simulation; empty where it is none, or not short."""
-    view, fit = own_look(estimate, records), float(estimate.fit[0])
-    if view is None or view.uneven or len(view.outputs) > 1 or fit > LOW:
-        return ""
-    one = view.outputs[0]
-    y = [record.y[:, 0] - np.nanmean(record.y[:, 0]) for record in view.records]
-    spread, last = (np.sqrt(sum(np.nansum(f(own) ** 2) for own in y)) for f in (np.array, np.diff))
-    left = np.linalg.norm(one.white(one.residual, one.noise))
-    known, plain = (100.0 * (1.0 - size / spread) for size in (left, last))
-    return (
-        f"The fit of {fit:.3g} % is that of a simulation, from which slow noise leads away; one "
-        f"sample ahead plant and noise tell {known:.5g} %, the last sample alone {plain:.4g} %"
-    )
-
-
-def _remedy(feedback: Finding, records: Sequence[Record]) -> str:
-    known = _known(records)
-    told = f"{NO_CONTROLLER} {known}" if NO_CONTROLLER in feedback.remedy.lower() else known
-    return f"{told[0].upper()}{told[1:]}"
-
-
-def _known(records: Sequence[Record]) -> str:
-    """What to do about feedback: a reference is missing, or stands still."""
-    if not still_names(records):
-        return KNOWN
-    return f"{MOVE[0].lower()}{MOVE[1:]}."
-
-
-def _fails(estimate: Estimate, records: Sequence[Record]) -> bool:
+def hold_past_samples(estimate: Estimate, records: Sequence[Record]) -> bool:
     """Whether the innovations still hold past inputs or outputs."""
     view = own_look(estimate, records)
     if view is None or view.uneven:
@@ -506,20 +360,7 @@ def _fails(estimate: Estimate, records: Sequence[Record]) -> bool:
     return False
 
 
-def _said(weak: bool = False, wide: bool = False) -> str:
-    if weak:
-        return (
-            "Not even with a model of the noise (direct route) are the innovations independent of "
-            "past samples: the numbers are biased"
-            + (", and their errors reach as far as those with white noise do" if wide else "")
-        )
-    return (
-        "Estimated by the direct route: the numbers are as good as the model of the noise; "
-        f"in random loops its 95 % intervals held {HELD} % of the coefficients"
-    )
-
-
-def _white(estimate: Estimate, records: Sequence[Record]) -> Estimate | None:
+def with_white_weights(estimate: Estimate, records: Sequence[Record]) -> Estimate | None:
     """The estimate with white weights, from the same beginning; None where there is none."""
     try:
         white = OutputError(start=estimate.model).estimate(list(records), estimate.structure)
@@ -529,7 +370,7 @@ def _white(estimate: Estimate, records: Sequence[Record]) -> Estimate | None:
     return white if alike and np.isfinite(white.cov).all() else None
 
 
-def _apart(estimate: Estimate, white: Estimate) -> str:
+def moved_by_weights(estimate: Estimate, white: Estimate) -> str:
     """By how much the coefficients differ from those with white weights."""
     size = np.abs(white.theta - estimate.theta) / np.where(estimate.std > 0, estimate.std, np.inf)
     k = int(np.argmax(size))
@@ -539,7 +380,3 @@ def _apart(estimate: Estimate, white: Estimate) -> str:
         f"The model of the noise decides: white noise moves {estimate.names[k]} from "
         f"{estimate.theta[k]:.4g} to {white.theta[k]:.4g} ({size[k]:.1f} standard errors)"
     )
-
-
-def _sentences(*parts: str) -> str:
-    return " ".join(f"{part.rstrip('.')}." for part in parts if part)

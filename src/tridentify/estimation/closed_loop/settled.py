@@ -77,13 +77,12 @@ def together(loops: Sequence[Loop], plants: Sequence[Plant]) -> Settled | None:
     ends: list[End] = []
     likeliest: list[End] = []
     for plant in (one for one in plants if not is_too_fast(one, loops)):
-        begun = Together.at(loops, plant, np.zeros(0))
-        if not np.isfinite(begun.size):
-            continue
         known = len(ends)
         try:
             with np.errstate(all="ignore"):  # plants that run off are no ends
-                _over_orders(begun, ends)
+                begun = Together.at(loops, plant, np.zeros(0))
+                if np.isfinite(begun.size):
+                    _over_orders(begun, ends)
         except np.linalg.LinAlgError:  # a plant without a response, or beyond all bounds
             continue
         likeliest += [_likeliest(ends[known:])] if len(ends) > known else []

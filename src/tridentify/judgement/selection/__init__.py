@@ -7,6 +7,7 @@
 - `criteria`: AIC, AICc, BIC and YIC. `held_out`: the cross-validated fit.
 - `soundness`: what speaks against a candidate. `paired`: two of them on the same held-out samples.
 - `rule`: which row is recommended. `words`: why.
+- `in_loop`: the same for a plant whose input reacts to its output, one sample ahead.
 - `hankel`: Hankel singular values of the parallel model, with a floor of what noise alone gives.
 """
 

@@ -311,7 +311,7 @@ def follows_input(entry: Entry, noise: tuple[Array, ...], records: Sequence[Reco
     if not are_even(records):
         return False
     held = all(record.behaviour == "zoh" for record in records)
-    late = int(held and _is_strictly_proper(entry.structure, records[0]))
+    late = int(held and is_strictly_proper(entry.structure, records[0]))
     for i, a in enumerate(noise):
         for one, record in zip(entry.residuals, records, strict=True):
             u = moved(np.asarray(record.u), [late])
@@ -321,7 +321,8 @@ def follows_input(entry: Entry, noise: tuple[Array, ...], records: Sequence[Reco
     return False
 
 
-def _is_strictly_proper(structure: Structure, record: Record) -> bool:
+def is_strictly_proper(structure: Structure, record: Record) -> bool:
+    """Whether no output answers an input in the same sample."""
     shape = record.n_outputs, record.n_inputs
     pairs = zip(structure.poles_matrix(*shape), structure.zeros_matrix(*shape), strict=True)
     return all(m < n for rows in pairs for n, m in zip(*rows, strict=True))

@@ -57,7 +57,7 @@ def integrating(rows: Sequence[SelectionRow], records: Sequence[Record]) -> list
         if not able or _held_out(row) < enough:
             continue
         assert row.estimate is not None
-        held = _at_zero(row.structure)
+        held = at_zero(row.structure)
         if held is not None and slowest_decay(row.estimate, longest) < LENGTHS:
             found.append(_Slow(held, row.bic, 100.0 - _held_out(row)))
     return _few(sorted(found, key=lambda one: (one.held.common_poles, str(one.held.zeros))))
@@ -101,7 +101,8 @@ def _held_out(row: SelectionRow) -> float:
     return float(row.cross_fit.min(initial=math.inf)) if row.cross_fit.size else -math.inf
 
 
-def _at_zero(structure: Structure) -> Structure | None:
+def at_zero(structure: Structure) -> Structure | None:
+    """The same orders with a pole held at zero; None where that cannot be asked for."""
     # a constant error of the input makes a ramp behind an integrator: the default drift is asked
     drift = structure.drift or None
     try:

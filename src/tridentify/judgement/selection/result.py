@@ -26,7 +26,12 @@ SCHEMA = 1
 """Version of the file format."""
 _WIDTH = 78
 """Characters a line: fits a terminal of 80."""
-_TITLES = ("", "poles, zeros", "coefficients", "fit [%]", "held-out [%]", "std/value", "remark")
+_HELD_OUT = "held-out [%]"
+_TITLES = ("", "poles, zeros", "coefficients", "fit [%]", _HELD_OUT, "std/value", "remark")
+
+
+AHEAD = "compared one sample ahead"
+"""Why there is no held-out fit in a loop."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,21 +183,26 @@ class Selection:
     @property
     def titles(self) -> tuple[str, ...]:
         """Titles of `table`."""
-        return _TITLES
+        return tuple("AICc" if one == _HELD_OUT and self._ahead else one for one in _TITLES)
+
+    @property
+    def _ahead(self) -> bool:
+        """Whether rows are compared one sample ahead: then there is no held-out fit to be shown."""
+        return any(row.held_out_reason == AHEAD for row in self.rows)
 
     def _cells(self, row: SelectionRow) -> tuple[str, ...]:
         mark = "->" if row is self.recommended else ""
         if row.estimate is None:
             return (mark, row.label, *[""] * 4, _shortened(row.reason))
         remarks = list(row.doubts)
-        if row.held_out_reason:
+        if row.held_out_reason and not self._ahead:
             remarks.append(f"held-out: {row.held_out_reason}")
         return (
             mark,
             row.label,
             str(row.n_coefficients),
             percent(row.fit),
-            percent(row.cross_fit),
+            f"{row.aicc:.1f}" if self._ahead else percent(row.cross_fit),
             relative(row.relative_std),
             "; ".join(remarks) or row.status,
         )
@@ -205,7 +215,7 @@ class Selection:
         for text in self.cautions:
             said = f"caution: {text}"
             lines += textwrap.wrap(said, _WIDTH, initial_indent="  ", subsequent_indent="    ")
-        lines += ["=" * _WIDTH, *format_table(_TITLES, self.table(), width=_WIDTH), ""]
+        lines += ["=" * _WIDTH, *format_table(self.titles, self.table(), width=_WIDTH), ""]
         for note in self.all_notes():
             lines += textwrap.wrap(note, _WIDTH, initial_indent="- ", subsequent_indent="  ")
         return "\n".join(line.rstrip() for line in (*lines, "=" * _WIDTH))
@@ -226,7 +236,7 @@ class Selection:
     def _repr_html_(self) -> str:
         which = "none" if self.recommended is None else self.recommended.label
         caption = " ".join((f"recommended poles, zeros: {which}. {self.reason}", *self.cautions))
-        return html_table(_TITLES, self.table(), caption)
+        return html_table(self.titles, self.table(), caption)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values: all rows, where the recommended one stands and what is found on it.

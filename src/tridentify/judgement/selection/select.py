@@ -34,12 +34,14 @@ from tridentify.judgement.selection.decide import (
     OrderEvidence,
     decide,
     follows_input,
+    is_strictly_proper,
     misleads,
 )
 from tridentify.judgement.selection.finish_candidates import CandidateTask, Entry, begun, run_task
 from tridentify.judgement.selection.hankel import Hankel, hankel_values
 from tridentify.judgement.selection.held_out import HeldEstimate, HeldOut, cross_fit
 from tridentify.judgement.selection.higher import higher_candidates
+from tridentify.judgement.selection.in_loop import loop_of, select_in_loop
 from tridentify.judgement.selection.integrators import integrating
 from tridentify.judgement.selection.late import are_lags, delayed, direct_and_delayed
 from tridentify.judgement.selection.orders import (
@@ -48,7 +50,13 @@ from tridentify.judgement.selection.orders import (
     order_label,
 )
 from tridentify.judgement.selection.result import Selection, SelectionRow
-from tridentify.judgement.selection.settle import having_said, resettled, resettled_again, settle
+from tridentify.judgement.selection.settle import (
+    having_said,
+    middle,
+    resettled,
+    resettled_again,
+    settle,
+)
 from tridentify.judgement.selection.shared import shared_models
 from tridentify.judgement.selection.table import SelectionTable, table_of
 from tridentify.judgement.selection.words import in_words, notes
@@ -152,6 +160,12 @@ def select_structure(
         late = candidates is None if delays is None else delays
         work = _Work(settled.records, chosen, executor, say, settled.identified, free, late)
         work = replace(work, left_open=bool(settled.told))
+        # what answers in the same sample may be the controller
+        proper = tuple(one for one in structures if is_strictly_proper(one, given[0]))
+        plant = proper if proper and candidates is None else structures
+        looped = work.in_loop(plant, work.witness(proper or structures), settled.told)
+        if looped is not None:
+            return looped
         opened = work.opened(structures)
         while candidates is None and (
             more := higher_candidates(work.records, structures, opened.table, chosen)
@@ -168,6 +182,12 @@ def select_structure(
             work = replace(work, records=other.records, identified=None)
             opened = work.opened(structures)
             found = work.selection(structures, opened, other.unseen, other.told)
+        last = found.recommended
+        if last is not None and last.estimate is not None:
+            by = last.structure, last.estimate
+            looped = work.in_loop(plant, by, (settled if other is None else other).told)
+            if looped is not None:
+                return looped
         return having_said(found, given, work.records, chosen)
 
 
@@ -248,6 +268,40 @@ class _Work:
         table = Contest(self.records, self.method, self.run).table(tasks, first)
         whole = (alone.get(k, entry) for k, entry in enumerate(table.entries))
         return _Opened(tuple(one.structure for one in tasks), table, tuple(whole))
+
+    def witness(self, structures: Sequence[Structure]) -> tuple[Structure, Estimate] | None:
+        """The estimate of the candidate in the middle, which tells whether there is a loop."""
+        asked = middle(structures)
+        if self.identified is not None and self.identified[0] == asked:
+            return self.identified
+        self.say(f"a model of {order_label(asked)}")
+        entry = run_task(CandidateTask(self.records, asked, self.method, shared=False))
+        return None if entry.estimate is None else (asked, entry.estimate)
+
+    def in_loop(
+        self,
+        structures: Sequence[Structure],
+        known: tuple[Structure, Estimate] | None,
+        told: tuple[str, ...],
+    ) -> Selection | None:
+        """By the direct route, where an estimate shows that the input reacts to the output."""
+        if known is None or not isinstance(self.method, ThreeModel):
+            return None
+        self.say("whether a controller was running")
+        loop = loop_of(self.records, *known, self.method, left_open=self.left_open)
+        if loop is None:
+            return None
+        asked, told = (structures, told) if loop.records is self.records else (structures, ())
+        found = select_in_loop(loop, asked, self.method, self.counted, free=self.free)
+        own = None if found is None else found.recommended
+        if found is None or own is None or own.estimate is None:
+            return None
+        self.say(f"what is to be said of {own.label}")
+        told = (*told, *((taken_as(loop.records[0].behaviour),) if self.left_open else ()))
+        judged = with_judgement(own.estimate, loop.records, self.method, None, told)
+        last = replace(own, estimate=judged)
+        rows = tuple(last if row is own else row for row in found.rows)
+        return replace(found, rows=rows, recommended=last, notes=(*found.notes, *told))
 
     def selection(
         self,

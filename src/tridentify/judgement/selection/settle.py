@@ -50,18 +50,18 @@ def settle(
     """What the input does between its samples, where that was left open."""
     if all(record.intersample != "auto" for record in (*records, *unseen)):
         return SettledRecords(records, unseen)
-    middle = _middle(structures)
-    say(f"what the input does between its samples, by a model of {order_label(middle)}")
+    asked = middle(structures)
+    say(f"what the input does between its samples, by a model of {order_label(asked)}")
     identified = None
     try:
-        estimate, seen, _, _ = with_behaviour(method, list(records), middle, None)
+        estimate, seen, _, _ = with_behaviour(method, list(records), asked, None)
         if all(record.intersample == "auto" for record in records):
-            estimate, seen = with_times(method, estimate, seen, middle, None)
-        identified = middle, estimate
+            estimate, seen = with_times(method, estimate, seen, asked, None)
+        identified = asked, estimate
     except (TridentifyError, np.linalg.LinAlgError, ValueError):
         seen = [record.settled(record.behaviour) for record in records]
     others = tuple(one.settled(seen[0].behaviour) for one in unseen)
-    told = [_told(seen[0], middle)]
+    told = [_told(seen[0], asked)]
     if identified is not None:
         told += identified[1].trace.about(DecisionKind.MOVES_TIMED)
     return SettledRecords(tuple(seen), others, tuple(told), identified)
@@ -211,7 +211,7 @@ def _changed(
     )
 
 
-def _middle(structures: Sequence[Structure]) -> Structure:
+def middle(structures: Sequence[Structure]) -> Structure:
     """The candidate in the middle by its poles, of those the one with most zeros."""
 
     def sizes(one: Structure) -> tuple[int, int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from tridentify.judgement.selection.numbers import percent, share
@@ -203,6 +204,43 @@ def reason_of(
     if missed:
         told.append("Its residual still follows the input, so no candidate explains the record.")
         told.append(_likeliest_cause(own))
+    return " ".join(filter(None, told))
+
+
+def reason_ahead(rows: Sequence[SelectionRow], contenders: Sequence[Contender], place: int) -> str:
+    """Say why a row is recommended, of those that were compared one sample ahead.
+
+    Parameters
+    ----------
+    rows, contenders, place
+        As of `reason_of`.
+    """
+    own, name = contenders[place].criteria, _capital(named(rows[place].structure))
+    usable = [k for k, one in enumerate(contenders) if one.usable]
+    best = min(usable, key=lambda k: contenders[k].criteria.aicc)
+    told = [f"{name} have the lowest AICc one sample ahead."]
+    if best != place:
+        other, gain = contenders[best].criteria, own.aicc - contenders[best].criteria.aicc
+        fall, price = own.deviance - other.deviance, needed(contenders[place], contenders[best])
+        smaller = 100.0 * -math.expm1(-max(fall, 0.0) / (2.0 * own.n_samples))
+        because = (
+            f"but: {'; '.join(rows[best].doubts)}"
+            if rows[best].doubts
+            else f"but -2 log L falls by {max(fall, 0.0):.1f}, less than the {price:.1f} that the "
+            "further unknowns must bring"
+            if fall <= price
+            else f"but the error one sample ahead by {smaller:.2g} % only"
+        )
+        text = f"{_capital(named(rows[best].structure))} lower AICc by {gain:.1f}, {because}"
+        told = [f"{text}: {name[0].lower()}{name[1:]} are recommended."]
+    fewer = [k for k in usable if rows[k].n_coefficients < rows[place].n_coefficients]
+    if fewer:
+        near = min(fewer, key=lambda k: contenders[k].criteria.aicc)
+        above = contenders[near].criteria.aicc - own.aicc
+        best_of = f"The best of the smaller ones, {named(rows[near].structure)}, lie"
+        told.append(f"{best_of} {above:.1f} above." if above > 0.0 else "")
+    if rows[place].doubts:
+        told.append(f"It is not sound: {'; '.join(rows[place].doubts)}.")
     return " ".join(filter(None, told))
 
 
