@@ -269,6 +269,7 @@ def select_in_loop(
     run: Runner,
     *,
     free: bool,
+    unseen: bool = False,
 ) -> Selection | None:
     """Compare structures by the direct route.
 
@@ -281,6 +282,8 @@ def select_in_loop(
         Gives what became of tasks, in their order.
     free : bool
         Whether rows with a pole at zero may join.
+    unseen : bool
+        Whether there are validation records, which have no part in it.
 
     Returns
     -------
@@ -300,8 +303,9 @@ def select_in_loop(
     if place is None:
         return None
     reason = reason_ahead(rows, contenders_of(rows, loop.records), place)
-    told = f"{loop.why}: {COMPARED_AHEAD}"
-    return Selection(tuple(rows), rows[place], reason, None, (told, f"errors are those {IN_TURN}"))
+    told = [f"{loop.why}: {COMPARED_AHEAD}", f"errors are those {IN_TURN}"]
+    told += ["validation records have no part in that"] if unseen else []
+    return Selection(tuple(rows), rows[place], reason, None, tuple(told))
 
 
 def _settle(rows: list[SelectionRow], loop: Loop) -> int | None:

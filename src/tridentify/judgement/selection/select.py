@@ -163,7 +163,7 @@ def select_structure(
         # what answers in the same sample may be the controller
         proper = tuple(one for one in structures if is_strictly_proper(one, given[0]))
         plant = proper if proper and candidates is None else structures
-        looped = work.in_loop(plant, work.witness(proper or structures), settled.told)
+        looped = work.in_loop(plant, work.witness(proper or structures), settled.told, bool(unseen))
         if looped is not None:
             return looped
         opened = work.opened(structures)
@@ -185,7 +185,8 @@ def select_structure(
         last = found.recommended
         if last is not None and last.estimate is not None:
             by = last.structure, last.estimate
-            looped = work.in_loop(plant, by, (settled if other is None else other).told)
+            told = (settled if other is None else other).told
+            looped = work.in_loop(plant, by, told, bool(unseen))
             if looped is not None:
                 return looped
         return having_said(found, given, work.records, chosen)
@@ -283,6 +284,7 @@ class _Work:
         structures: Sequence[Structure],
         known: tuple[Structure, Estimate] | None,
         told: tuple[str, ...],
+        unseen: bool,
     ) -> Selection | None:
         """By the direct route, where an estimate shows that the input reacts to the output."""
         if known is None or not isinstance(self.method, ThreeModel):
@@ -291,13 +293,15 @@ class _Work:
         loop = loop_of(self.records, *known, self.method, left_open=self.left_open)
         if loop is None:
             return None
-        asked, told = (structures, told) if loop.records is self.records else (structures, ())
-        found = select_in_loop(loop, asked, self.method, self.counted, free=self.free)
+        found = select_in_loop(
+            loop, structures, self.method, self.counted, free=self.free, unseen=unseen
+        )
         own = None if found is None else found.recommended
         if found is None or own is None or own.estimate is None:
             return None
         self.say(f"what is to be said of {own.label}")
-        told = (*told, *((taken_as(loop.records[0].behaviour),) if self.left_open else ()))
+        if self.left_open and loop.records is not self.records:
+            told = (taken_as(loop.records[0].behaviour),)
         judged = with_judgement(own.estimate, loop.records, self.method, None, told)
         last = replace(own, estimate=judged)
         rows = tuple(last if row is own else row for row in found.rows)
