@@ -181,9 +181,11 @@ def _row(structure: Structure, estimate: Estimate, records: Sequence[Record]) ->
 
 
 def _criteria(estimate: Estimate, records: Sequence[Record]) -> Criteria:
-    """Those of the estimate's own likelihood, its noise model paid for."""
-    k = unknowns_of(estimate) + sum(a.size for a in estimate.noise_model)
-    n = sum(int(np.isfinite(record.y).sum()) for record in records)
+    """Those of the estimate's own likelihood.
+
+    Noise models are of any order, in each row its own: what it costs (AICc) counts as deviance.
+    """
+    k, n = unknowns_of(estimate), sum(int(np.isfinite(record.y).sum()) for record in records)
     return Criteria(k, n, estimate.aicc - aicc_price(float(k), float(n)))
 
 
@@ -311,15 +313,17 @@ def select_in_loop(
 def _settle(rows: list[SelectionRow], loop: Loop) -> int | None:
     """Which row is recommended, with all that `identify` does for it and for its rivals.
 
-    Finding plant and noise together costs as much as all else. Errors grow by it, and the error one
-    sample ahead falls by what has no need to be alike: rows that may be recommended get it, others
-    are not recommended for it.
+    Finding plant and noise together costs as much as all else. Of a plant that is held the steps in
+    turn may not tell what speaks against a row, and the error one sample ahead falls by what has no
+    need to be alike: rows up to the likeliest that are nearly as likely get it.
     """
-    sound = [row.aicc for row in rows if row.ok and not row.doubts]
-    near = min(sound, default=-math.inf) + RIVAL
-    for k, row in enumerate(rows):
-        if row.ok and not (row.doubts or row.identified) and row.aicc <= near:
-            rows[k] = _whole(row, loop)
+    contenders = contenders_of(rows, loop.records)
+    likeliest = choose(contenders)
+    if likeliest is not None:
+        size, near = rows[likeliest].n_coefficients, rows[likeliest].aicc + RIVAL
+        for k, row in enumerate(rows):
+            if row.ok and not row.identified and row.n_coefficients <= size and row.aicc <= near:
+                rows[k] = _whole(row, loop)
     while True:
         place = recommended(contenders_of(rows, loop.records))
         if place is None or rows[place].identified:

@@ -66,7 +66,7 @@ class SelectionRow:
         Coefficients that are not held, delays among them.
     n_unknowns : int
         Of the criteria: coefficients, nuisance terms, noise variances and coefficients of the
-        noise model.
+        noise model (in a loop without these: what they cost is in ``deviance``).
     deviance : float
         ``-2 log L`` without constants.
     identified : bool
