@@ -17,7 +17,7 @@ from tridentify import (
 )
 from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.search.delays import repeated_inputs
-from tridentify.estimation.search.repeated_input import repeats
+from tridentify.estimation.search.repeated_input import longest_told, repeats
 
 pytestmark = pytest.mark.unjudged
 
@@ -76,3 +76,12 @@ def test_nor_where_little_more_than_a_period_is_recorded(half):
     estimate = identify(record, Structure(1, 0, delay="free"))
     assert estimate.parameters["delay"].value < 0.002
     assert estimate.parameters["b0"].value > 0
+
+
+def test_half_a_cycle_of_a_loop_that_switches_is_no_delay():
+    """Half of the time for which it stays on one side, though no two of these are alike."""
+    for seed in range(6):
+        lengths = np.random.default_rng(seed).integers(33, 39, 7)
+        u = np.convolve(np.repeat([1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0], lengths), np.ones(6))
+        assert repeats(Record(u, u, dt=0.5), 0) is None
+        assert longest_told([Record(u, u, dt=0.5)], 0) == pytest.approx(9.0, abs=0.8)

@@ -296,8 +296,10 @@ def _follows(loops: Sequence[Loop], best: Found) -> bool:
     basis = driven_basis(loops, best.noise)
     if basis is None:
         return False
-    size = merit(linear_errors(loops, best.plant, best.noise), basis) / best.variance
-    return size > float(chdtri(max(basis.shape[1] - best.plant.theta.size, 1), MISSED))
+    size = merit(linear_errors(loops, best.plant, best.noise), basis)
+    # not the ratio: the errors of a predictor that runs off have no scale
+    by_chance = float(chdtri(max(basis.shape[1] - best.plant.theta.size, 1), MISSED))
+    return size > by_chance * best.variance
 
 
 def _is_unseen(best: Found, edge: float) -> bool:
