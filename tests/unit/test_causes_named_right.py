@@ -480,3 +480,24 @@ def test_one_step_of_three_lags_asked_as_two_poles_is_no_bend(seed):
     y = simulate(plant, Record(u, u, dt=5.0))[:, 0]
     found = identify(Record(u, 25.0 + y + 0.05 * rng.standard_normal(150), dt=5.0), (2, 0))
     assert found.findings[0].code == "order-low"
+
+
+def dried(seed):
+    """A hair dryer: two levels, a dead time, air that mixes on its way, and walls that warm up."""
+    rng, n, dt, fine = np.random.default_rng([95, seed]), 500, 0.08, 8
+    u = np.repeat(rng.choice([3.4, 6.4], n), rng.integers(2, 10, n))[:n]
+    late = round(rng.uniform(0.07, 0.11) / dt * fine)
+    v = np.concatenate([np.full(late, u[0]), np.repeat(u, fine)])[: n * fine] - u[0]
+    air = np.polymul([1.0, 10.3, 27.3], [1.0 / rng.uniform(18.0, 30.0), 1.0])
+    acts, y = Record(v, v, dt=dt / fine), 5.0 + 0.025 * rng.standard_normal(n)
+    for part in (TransferFunction([24.9], air), TransferFunction([0.03], [1.0, 0.4])):
+        y = y + simulate(part, acts)[::fine, 0]
+    return Record(u, y, dt=dt)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(12))
+def test_a_dead_time_behind_levels_is_no_input_joined_by_lines(seed):
+    found = first_of(dried(seed), Structure(2, 1))
+    assert found is not None
+    assert found.code in ("delay", "order-low")

@@ -6,26 +6,37 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, TransferFunction, identify, simulate
+from tridentify.judgement.selection.soundness import FAST, doubts
 
 
-def codes(seed: int, model: TransferFunction, asked: Structure, noise: float) -> list[str]:
+def told(
+    seed: int, model: TransferFunction, asked: Structure, noise: float
+) -> tuple[list[str], tuple[str, ...]]:
+    """Codes of the findings, and what speaks against recommending it."""
     rng = np.random.default_rng([821, seed])
     u = np.repeat(rng.choice([-1.0, 1.0], 60), 8)
     clean = simulate(model, Record(u, u, dt=0.2))[:, 0]
     record = Record(u, clean + noise * clean.std() * rng.standard_normal(u.size), dt=0.2)
-    return [one.code for one in identify(record, asked).findings]
+    estimate = identify(record, asked)
+    return [one.code for one in estimate.findings], doubts(estimate, [record])
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_needless_pole_faster_than_the_samples_is_told(seed):
     lag = TransferFunction([0.8], [1.0, 0.5])
-    assert "outside-the-record" in codes(seed, lag, Structure(2, 0), 0.1)
-    assert "outside-the-record" not in codes(seed, lag, Structure(1, 0), 0.1)
+    codes, against = told(seed, lag, Structure(2, 0), 0.1)
+    assert "outside-the-record" in codes
+    assert FAST in against
+    codes, against = told(seed, lag, Structure(1, 0), 0.1)
+    assert "outside-the-record" not in codes
+    assert FAST not in against
 
 
 def test_a_fast_pole_that_the_samples_tell_is_none():
     fast = TransferFunction([0.5 * 17.0], np.poly([-0.5, -17.0]))
-    assert "outside-the-record" not in codes(5, fast, Structure(2, 0), 1e-4)
+    codes, against = told(5, fast, Structure(2, 0), 1e-4)
+    assert "outside-the-record" not in codes
+    assert FAST not in against
 
 
 @pytest.mark.parametrize(

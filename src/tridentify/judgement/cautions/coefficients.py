@@ -214,7 +214,7 @@ def _no_response(estimate: Estimate, records: Sequence[Record]) -> list[Finding]
 def _outside(estimate: Estimate, records: Sequence[Record]) -> list[Finding]:
     """Time constants far beyond the record, and oscillations that the samples cannot show."""
     longest = max(record.duration for record in records)
-    step = min(median(np.diff(record.t)) if record.dt is None else record.dt for record in records)
+    step = _least_step(records)
     poles = np.unique(np.concatenate([np.ravel(row) for row in _denominators(estimate)]))
     found = []
     slow = [p for p in poles if 0.0 < abs(p.real) * longest < 1.0 / BEYOND_RECORD and not p.imag]
@@ -243,28 +243,42 @@ def _outside(estimate: Estimate, records: Sequence[Record]) -> list[Finding]:
                 "Use two poles fewer, or sample faster if the mode is real.",
             )
         )
-    if any(not p.imag and -p.real * step > OVER_WITHIN for p in poles):
-        found += _over_within(estimate, step)
+    beyond = over_within(estimate, records)
+    if beyond is not None:
+        found.append(
+            Finding(
+                "outside-the-record",
+                "warning",
+                f"The response of a pole at {beyond:.3g} 1/s is over within a sample "
+                f"({step:.3g} s), and what the next one still shows of it is hardly told from "
+                "nothing: what is said of the pole is little more than that it is fast, and "
+                "coefficients that it multiplies are no better.",
+                "Use one pole fewer, or sample faster if the pole is real.",
+            )
+        )
     return found
 
 
-def _over_within(estimate: Estimate, step: float) -> list[Finding]:
-    """The fastest real pole, where the samples say little more of it than that it is fast."""
+def over_within(estimate: Estimate, records: Sequence[Record]) -> float | None:
+    """The fastest real pole, where the samples say little more of it than that it is fast.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    records : sequence of Record
+        Those that were identified.
+    """
+    step = _least_step(records)
+    rates = [p for den in _denominators(estimate) for p in den if not p.imag]
+    if not any(-p.real * step > OVER_WITHIN for p in rates):
+        return None
     rows = [row for row in estimate.derived_rows() if row[0].startswith("real pole")]
     _, value, std, _ = min(rows, key=lambda row: row[1])
-    if std * step <= SEEN:
-        return []
-    return [
-        Finding(
-            "outside-the-record",
-            "warning",
-            f"The response of a pole at {value:.3g} 1/s is over within a sample ({step:.3g} s), "
-            "and what the next one still shows of it is hardly told from nothing: what is said of "
-            "the pole is little more than that it is fast, and coefficients that it multiplies are "
-            "no better.",
-            "Use one pole fewer, or sample faster if the pole is real.",
-        )
-    ]
+    return value if std * step > SEEN else None
+
+
+def _least_step(records: Sequence[Record]) -> float:
+    return min(median(np.diff(record.t)) if record.dt is None else record.dt for record in records)
 
 
 def _denominators(estimate: Estimate) -> list[list[complex]]:

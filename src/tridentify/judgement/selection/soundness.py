@@ -14,12 +14,17 @@ import numpy as np
 from tridentify.estimation.answer.cancelling import LASTING, cancelling
 from tridentify.estimation.answer.estimate import Estimate, Status
 from tridentify.estimation.posterior.mean import vagueness
+from tridentify.judgement.cautions.coefficients import over_within
 from tridentify.judgement.selection.numbers import share
 from tridentify.numerics.realization import sort_poles
 from tridentify.record.record import Record
 
 SWING = "beside faster modes, a swing that is slower than the record"
 """Said where `ONE_PERIOD` is not reached; no objection where larger candidates explain no more."""
+
+FAST = "a pole whose response is over within a sample"
+"""Said of one beside others where the next sample hardly shows it: where it explains anything, it
+mends what the input is taken for between the samples."""
 
 VAGUE, KNOWN_TO = "poles not determined", " known to "
 
@@ -52,12 +57,20 @@ def doubts(estimate: Estimate, records: Sequence[Record]) -> tuple[str, ...]:
     slow = slowest(estimate, longest)
     if slow:
         found.append(slow)
+    if _is_beside_others(estimate) and over_within(estimate, records) is not None:
+        found.append(FAST)
     found += undetermined(estimate, longest)
     if not found and _swings_once(estimate, longest):
         found.append(SWING)
     if not found:
         found += cancelling(estimate, longest)
     return tuple(found)
+
+
+def _is_beside_others(estimate: Estimate) -> bool:
+    """Whether a pole can be left out: none is alone, and none is held."""
+    alone = any(den.size < 3 for row in estimate.model.den for den in row)
+    return not (alone or estimate.structure.constrained)
 
 
 def apart_from_vagueness(found: Sequence[str]) -> tuple[str, ...]:

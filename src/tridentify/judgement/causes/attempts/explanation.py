@@ -25,6 +25,7 @@ from tridentify.judgement.causes.attempts.present import Present
 from tridentify.judgement.causes.attempts.rivals import Rival
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.information import aicc_price
+from tridentify.record.checks.samples import is_switched
 
 CLEARLY = 10.0
 """Fall of AICc from which another explanation is worth a word: odds of 150 to 1."""
@@ -237,7 +238,8 @@ class Explanations:
 
         Two remedies together have as many unknowns as one of them alone: the smallest change that
         explains the record is the one to make. An input that seems to be held is held, whatever a
-        likelihood leans to, as where its behaviour is left open.
+        likelihood leans to, as where its behaviour is left open. One that is switched jumps: where
+        one remedy explains most of it, the other takes up a share of what else is missing.
         """
         rival = one.rival
         alone = rival.changes < 2
@@ -248,7 +250,10 @@ class Explanations:
             return held and one.gain < clear_fall(int(self.present.count), held)
         codes = ("intersample", "delay")
         singles = [e.gain for e in self.found if e.rival.code in codes and e.rival.changes < 2]
-        return one.gain < max(singles, default=0.0) + clear_fall(int(self.present.count), held)
+        single = max(singles, default=0.0)
+        switched = any(is_switched(record.u) for record in rival.parts[0].records)
+        mostly = switched and AS_MUCH * one.gain < single
+        return mostly or one.gain < single + clear_fall(int(self.present.count), held)
 
     def _is_no_late_log(self, one: Explanation) -> bool:
         """Whether inputs seem logged late where another behaviour, or more freedom, does as well.
