@@ -49,3 +49,9 @@ def test_an_output_that_follows_from_sample_to_sample_tells_no_time_constant(see
     y = np.append(0.0, u[:-1]) + 0.02 * rng.standard_normal(u.size)
     found = identify(Record(u, y, dt=0.02), Structure(1, 0)).findings
     assert "outside-the-record" in [one.code for one in found]
+
+
+def test_beside_an_integrator_it_speaks_against_a_candidate_too():
+    motor = TransferFunction([60.0], [1.0, 31.5, 45.0, 0.0])
+    asked = Structure(3, 0, fixed={"a0": 0.0}, offset=False, drift=False)
+    assert FAST in told(0, motor, asked, 0.02)[1]

@@ -16,6 +16,7 @@ from tridentify.estimation.answer.estimate import Estimate, Status
 from tridentify.estimation.posterior.mean import vagueness
 from tridentify.judgement.cautions.coefficients import over_within
 from tridentify.judgement.selection.numbers import share
+from tridentify.judgement.selection.orders import is_integrator
 from tridentify.numerics.realization import sort_poles
 from tridentify.record.record import Record
 
@@ -68,9 +69,10 @@ def doubts(estimate: Estimate, records: Sequence[Record]) -> tuple[str, ...]:
 
 
 def _is_beside_others(estimate: Estimate) -> bool:
-    """Whether a pole can be left out: none is alone, and none is held."""
-    alone = any(den.size < 3 for row in estimate.model.den for den in row)
-    return not (alone or estimate.structure.constrained)
+    """Whether a pole can be left out: none is alone, and none is held, but at zero."""
+    held = int(is_integrator(estimate.structure))
+    alone = any(den.size < 3 + held for row in estimate.model.den for den in row)
+    return not alone and bool(held or not estimate.structure.constrained)
 
 
 def apart_from_vagueness(found: Sequence[str]) -> tuple[str, ...]:
