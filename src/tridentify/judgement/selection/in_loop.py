@@ -49,7 +49,6 @@ from tridentify.structure import Structure
 UNSEEN = 2.0
 """Standard errors up to which a constant term ``a0`` may be zero."""
 
-
 IN_TURN = "of plant and noise in turn where a row was far from being recommended"
 
 Runner = Callable[[Callable[["LoopTask"], SelectionRow], Sequence["LoopTask"], str], list[Any]]
@@ -81,7 +80,7 @@ class Loop:
 
 @dataclass(frozen=True, eq=False)
 class LoopTask:
-    """One candidate by the direct route."""
+    """One candidate, to be estimated by the direct route with the options of a method."""
 
     loop: Loop
     structure: Structure
@@ -305,7 +304,8 @@ def select_in_loop(
     if place is None:
         return None
     reason = reason_ahead(rows, contenders_of(rows, loop.records), place)
-    told = [f"{loop.why}: {COMPARED_AHEAD}", f"errors are those {IN_TURN}"]
+    told = [f"{loop.why}: {COMPARED_AHEAD}"]
+    told += [f"errors are those {IN_TURN}"] if any(row.ok > row.identified for row in rows) else []
     told += ["validation records have no part in that"] if unseen else []
     return Selection(tuple(rows), rows[place], reason, None, tuple(told))
 
