@@ -8,7 +8,7 @@ import pytest
 
 from tridentify import Record, Structure, ThreeModel
 from tridentify.estimation.closed_loop.driven import driven
-from tridentify.estimation.methods.by_reference.controller_kind import driving_findings
+from tridentify.estimation.methods.by_reference.followed import driving_findings
 
 N, DT = 300, 0.2
 LAW = loops.Controller(loops.tustin(loops.System.of([2.0, 1.0], [1.0, 0.0]), DT), True)

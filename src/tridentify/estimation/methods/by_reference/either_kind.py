@@ -21,10 +21,10 @@ from tridentify.estimation.methods.by_reference.controller_kind import (
     Assumed,
     Compared,
     LeftOpen,
-    follows,
     may_integrate,
     opposite,
 )
+from tridentify.estimation.methods.by_reference.followed import follows
 from tridentify.estimation.methods.by_reference.passes import Rooted
 
 

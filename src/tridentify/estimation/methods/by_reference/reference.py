@@ -73,14 +73,16 @@ from tridentify.estimation.methods.by_reference.controller_kind import (
     Controller,
     LeftOpen,
     assumed,
-    coarse_findings,
     compared,
-    driving_findings,
-    following_findings,
     of_integrator,
     opposite,
 )
 from tridentify.estimation.methods.by_reference.either_kind import beside_stable, of_either_kind
+from tridentify.estimation.methods.by_reference.followed import (
+    coarse_findings,
+    driving_findings,
+    following_findings,
+)
 from tridentify.estimation.methods.by_reference.given_controller import (
     by_likelihood,
     how_it_worked,
