@@ -209,12 +209,11 @@ def search(
             estimate = having_left_out(estimate, left_out)
             used = tuple(record.settled(estimate.intersample) for record in given)
             stated = all(record.intersample != "auto" for record in given)
-            again = directly(chosen, estimate, used, estimate.structure, progress)
+            again = directly(chosen, estimate, used, estimate.structure, progress, stated=stated)
             if again is not None:
-                told = estimate.trace.decisions[:1]
-                estimate = with_judgement(
-                    widened(again, used, stated=stated), used, chosen, None, told
-                )
+                told, used = estimate.trace.decisions[:1], again.records
+                wide = widened(again.estimate, used, stated=again.stated)
+                estimate = with_judgement(wide, used, chosen, None, told)
             if not (stated or again or estimate.route == "direct"):
                 estimate, used = _beside_times(estimate, used, chosen, progress)
             ended = _told(estimate, asked, wild)
@@ -229,12 +228,16 @@ def search(
             found, between, told = held, None, ()
         found = having_left_out(found, left_out)
         first, stated = found, all(record.intersample != "auto" for record in given)
-        again = directly(chosen, found, seen, wanted, progress)
-        if not (stated or again or found.route == "direct"):
+        again = directly(chosen, found, seen, wanted, progress, stated=stated)
+        known = stated
+        if again is not None:
+            found, seen, known = again.estimate, list(again.records), again.stated
+            between = between if known == stated else None
+        elif not (stated or found.route == "direct"):
             found, seen = with_times(chosen, found, seen, wanted, progress)
             between = None if is_timed(found) else between
-        found = widened(again or found, seen, stated=stated)
-        found = not_stable(chosen, found, seen, wanted, progress, stated=stated) or found
+        found = widened(found, seen, stated=known)
+        found = not_stable(chosen, found, seen, wanted, progress, stated=known) or found
 
     def judged() -> Estimate:
         if progress is not None:

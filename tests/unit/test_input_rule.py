@@ -67,6 +67,38 @@ def test_a_rule_of_the_samples_is_seen_and_its_absence_too(seed):
     assert input_rule([continuous(seed, gain=2.0)], 2) is InputRule.STATIC
 
 
+def without_reference(record, between="zoh"):
+    return tri.Record(record.u, record.y, dt=DT, intersample=between)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.fast("0")
+def test_the_rule_is_seen_where_the_set_point_is_not_recorded(seed):
+    made = {
+        InputRule.SAMPLED: sampled(seed),
+        InputRule.NONE: continuous(seed),
+        InputRule.STATIC: sampled(seed, memory=False),
+    }
+    assert [input_rule([without_reference(one)], 2) for one in made.values()] == list(made)
+    static = continuous(seed, gain=2.0)
+    assert input_rule([without_reference(static)], 2) is InputRule.STATIC
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(70, 74))
+def test_a_controller_seen_in_the_samples_settles_what_its_input_does_between_them(seed):
+    structure = tri.Structure(2, 1)
+    found = tri.identify(without_reference(sampled(seed), "auto"), structure)
+    assert (found.route, found.intersample) == ("direct", "zoh")
+    said = " ".join(map(str, found.trace.decisions))
+    assert "counts as held: the input follows from the recorded samples" in said
+    assert not any(one.severity == "error" for one in found.findings)
+    assert np.max(np.abs(found.theta - TRUTH) / found.std) < 4.0
+    assert np.max(found.std / TRUTH) < 0.5
+    left_open = tri.identify(without_reference(continuous(seed), "auto"), structure)
+    assert not any("counts as held: the input" in str(one) for one in left_open.trace.decisions)
+
+
 def test_a_limit_does_not_hide_the_rule():
     record = sampled(3, limit=2.0)
     assert np.mean(np.abs(record.u) == 2.0) > 0.05

@@ -14,7 +14,7 @@ input does next (`causes.past_outputs`), or a short linear law of outputs does
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,9 +22,11 @@ from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.closed_loop.input_rule import InputRule, input_rule
 from tridentify.estimation.likelihood.answer import widened_by
 from tridentify.estimation.likelihood.question import silently
 from tridentify.estimation.methods.base import Method, Progress
+from tridentify.estimation.methods.by_reference.controller_kind import may_integrate
 from tridentify.estimation.methods.by_reference.not_stable import may_be_unstable, unless_unstable
 from tridentify.estimation.methods.explained import explained_records
 from tridentify.estimation.methods.in_loop import found_together, wanders
@@ -62,13 +64,38 @@ NOT_EXPLAINED = 1e-4
 """p-value of past inputs and outputs in the innovations, from which the direct route has failed."""
 
 
+HELD_BY = "; the input counts as held: {}"
+"""What a trace says of an input that a controller shows to be held."""
+
+
+@dataclass(frozen=True, eq=False)
+class Direct:
+    """An estimate by the direct route.
+
+    Attributes
+    ----------
+    estimate : Estimate
+    records : tuple of Record
+        As they were used.
+    stated : bool
+        Whether it is known what the inputs do between their samples: somebody said so, or the
+        samples show that a controller works on them.
+    """
+
+    estimate: Estimate
+    records: tuple[Record, ...]
+    stated: bool
+
+
 def directly(
     method: Method,
     estimate: Estimate,
     records: Sequence[Record],
     structure: Structure,
     progress: Progress | None = None,
-) -> Estimate | None:
+    *,
+    stated: bool = True,
+) -> Direct | None:
     """Estimate anew by the direct route where the input reacts to the output.
 
     Parameters
@@ -82,16 +109,39 @@ def directly(
     structure : Structure
         As asked for.
     progress : callable, optional
+    stated : bool
+        Whether somebody stated what the inputs do between their samples.
 
     Returns
     -------
-    Estimate or None
+    Direct or None
         None where nothing calls for it, another route was asked for, or it leads nowhere.
     """
     why = why_directly(method, estimate, records)
     if not (why and isinstance(method, ThreeModel)):
         return None
-    return _if_it_leads(method, records, structure, progress, why)
+    rule = None if stated else made_on_samples(estimate, records)
+    if rule is not None:
+        records, why = [one.between("zoh") for one in records], why + HELD_BY.format(rule.value)
+    found = _if_it_leads(method, records, structure, progress, why)
+    known = stated or rule is not None
+    return None if found is None else Direct(found, tuple(records), known)
+
+
+def made_on_samples(estimate: Estimate, records: Sequence[Record]) -> InputRule | None:
+    """What shows in inputs that a controller which works on their samples made them.
+
+    In a loop without a reference: without a loop, an input without noise follows from what it did.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Of the plant: one that may integrate leaves a rule that is shorter by one.
+    records : sequence of Record
+    """
+    poles = int(np.max(np.asarray(estimate.structure.poles)))
+    rule = input_rule(records, poles - may_integrate(estimate, records))
+    return rule if rule in (InputRule.SAMPLED, InputRule.HELD) else None
 
 
 def why_directly(method: Method, estimate: Estimate, records: Sequence[Record]) -> str:

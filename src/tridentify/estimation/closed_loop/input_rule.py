@@ -24,6 +24,10 @@ Nor does a record without noise: all signals of a linear loop then follow from t
 each from any other, whatever the controller. So what is left of (1) counts beside what the input
 moves beyond its own past and the references, which is noise.
 
+Where no reference is recorded, a set point that changes at times would take one lag more, and make
+one with memory of a controller that has none. So (1) is looked for in what input and outputs move
+by, where its changes are single samples that do not fit.
+
 A fourth is not either: a controller that reads more than is recorded (another sensor, an inner
 loop), or is not linear, leaves no rule (1) whether it was sampled or not. What a continuous one
 makes of noise between the samples mostly is a small part of what it makes of the samples; where
@@ -85,6 +89,8 @@ HIDDEN = 2.0
 """The same of the usual sample, from which no rule has made it."""
 FEWEST_EACH, MOST_EACH = 5, 40
 """Samples for each coefficient, at least and at most: more say nothing new of a rule."""
+LONGEST = 4000
+"""Samples of a record without a reference, one behind the other: work, and no more."""
 TURNS = 15
 """Of the weights: a majority that is exact shows in ten."""
 CHANGES, ROUNDS = 6.0, 4
@@ -114,7 +120,7 @@ def input_rule(records: Sequence[Record], poles: int) -> InputRule:
     Parameters
     ----------
     records : sequence of Record
-        With references.
+        With references, or without: what moved the input beside the outputs is not known then.
     poles : int
         Of the plant.
 
@@ -173,19 +179,25 @@ def is_held(u: Array) -> bool:
 
 def _rule(record: Record, j: int, few: int) -> InputRule:
     """Of one input of one record."""
-    u, y, reference = (np.asarray(one) for one in (record.u, record.y, record.reference))
-    signals = np.hstack([y, reference])
-    if record.dt is None or len(u) <= LAGS:
+    if record.dt is None or record.n_samples <= LAGS:
         return InputRule.UNKNOWN
-    width = 1 + signals.shape[1] * (1 + LAGS) + u.shape[1] * LAGS
-    free = _free(u[:, j], np.isfinite(signals).all(axis=1))
-    size = float(np.std(u[:, j]))
-    if free.size < FEWEST_EACH * width or not size > 0:
-        return InputRule.UNKNOWN
-    some = free[np.unique(np.linspace(0, free.size - 1, MOST_EACH * width).astype(int))]
+    u, y, known = np.asarray(record.u), np.asarray(record.y), record.reference is not None
+    reference = np.asarray(record.reference) if known else np.zeros((len(u), 0))
     # a reference that stays for a while was set so
     outer = np.concatenate([_resolution(y), _resolution(reference, converted=False)])
     own = _resolution(u)
+    free = _free(u[:, j], np.isfinite(np.hstack([y, reference])).all(axis=1))
+    if not known:
+        u, y, outer, own = _moves(u), _moves(y), np.sqrt(2.0) * outer, np.sqrt(2.0) * own
+    signals = np.hstack([y, reference])
+    width = 1 + signals.shape[1] * (1 + LAGS) + u.shape[1] * LAGS
+    size = float(np.std(u[:, j]))
+    if free.size < FEWEST_EACH * width or not size > 0:
+        return InputRule.UNKNOWN
+    # a change that is not known shows in the sample, and in those behind it
+    some = free[:LONGEST]
+    if known:
+        some = free[np.unique(np.linspace(0, free.size - 1, MOST_EACH * width).astype(int))]
 
     beyond = _beyond_its_past(u, reference, some[some >= PAST], j)
 
@@ -277,6 +289,11 @@ def _holds(
             return True if rounding < COARSE * beyond else None, usual
         weights = 1.0 / np.sqrt(np.maximum(left, 1e-3 * EXACT * beyond + FLOATS * size))
     return None if float(np.median(left)) < HIDDEN * rounding else False, usual
+
+
+def _moves(signals: Array) -> Array:
+    """By how much signals move to every sample; the first is not known to move."""
+    return np.diff(signals, axis=0, prepend=signals[:1])
 
 
 def _free(u: Array, seen: Flags) -> Indices:
