@@ -204,7 +204,9 @@ def table(found: dict[str, Any]) -> list[str]:
     head = "".join(f"{name:>18s}" for name in NAMES)
     lines = [f"{loop.case.name:24s}{head}{'rightmost pole':>18s}"]
     told = "".join(f"{value:18.3f}" for value in loop.truth.values())
-    lines.append(f"{'  truth':24s}{told}{loop.growth:18.3f}")
+    # of a stable aircraft the rightmost pole is the phugoid's, which two poles do not have
+    end = f"{loop.growth:18.3f}" if loop.growth > 0.0 else ""
+    lines.append(f"{'  truth':24s}{told}{end}")
     for way, estimates in found["estimates"].items():
         if not estimates:
             continue

@@ -36,6 +36,11 @@ MAKERS: dict[str, Callable[[], Any]] = {
     "clsrivc": lambda: ClosedLoopRefinedInstrumentalVariable(LAW),
     **METHODS_IN_LOOP,
 }
+DIRECT: dict[str, ThreeModel] = {
+    "direct output error": ThreeModel(route="open-loop", noise="white"),
+    "direct, noise model": ThreeModel(route="direct"),
+}
+"""Of the input as it is: what to make of a reference they do not ask."""
 
 
 def loop_record(
@@ -73,6 +78,19 @@ def test_truth_without_noise(key: str, entry: str) -> None:
     assert np.allclose(found.theta, TRUE, rtol=0.05)
     assert found.route == "reference"
     assert found.method == MAKERS[key]().name
+
+
+@pytest.mark.parametrize("key", list(DIRECT))
+@pytest.mark.parametrize("entry", ["input", "set point"])
+@pytest.mark.slow
+def test_truth_without_noise_or_a_reference(key: str, entry: str) -> None:
+    """Without noise there is nothing in the input that should not be."""
+    whole = loop_record(entry, n=200)
+    for record in (whole, Record(whole.u, whole.y, dt=DT)):
+        found = DIRECT[key].estimate([record], Structure(2, 0))
+        assert found.status.ok
+        assert np.allclose(found.theta, TRUE, rtol=0.05)
+        assert found.route == DIRECT[key].route
 
 
 @pytest.mark.parametrize("key", list(MAKERS))

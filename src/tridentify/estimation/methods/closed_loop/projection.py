@@ -11,11 +11,14 @@ approximation of the plant in the spectrum of ``u_P`` whatever the loop is (Fors
 Its noise is ``v + G (u - u_P)``; it is consistent and not efficient. Between the samples ``u_P`` is
 taken as the record states of its input.
 
-A loop that settles within a thousand samples would need a thousand weights. As a response is smooth
-where it is that long, ``s_m`` is taken as linear between knots, ``d`` samples apart: a smaller
-space, every response in it still without any assumption on order or causality. The number of past
-knots and ``d`` are those of lowest AICc, the residual of ``u`` taken as white, a factor of two
-apart; the future has a quarter as many.
+A loop that settles within a thousand samples would need a thousand weights. As a response is the
+smoother the later it is, ``s_m`` is taken as linear between knots whose distance grows with the
+lag: a smaller space, every response in it still without any assumption on order or causality, but
+that a loop does not swing for more than five periods. The past has knots up to half the record, as
+many as it has samples for, the future the first quarter of these. A length that suits ``u``, by
+AICc, would not do: what is cut off is driven by the reference, and the second stage takes it for
+noise. What is fitted of the noise biases the plant as well, but by no more than the share of knots
+in samples.
 
 References
 ----------
@@ -25,7 +28,7 @@ U. Forssell & L. Ljung, Automatica 36(9) (2000), 1351-1357 (projection method), 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -40,14 +43,10 @@ from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 
-FEWEST_KNOTS = 4
-"""Of the shortest response: a loop that settles within four samples."""
+FINEST = 32
+"""Lag over the distance of knots there, at most: five swings with a knot for every radian."""
 SAMPLES_A_KNOT = 10
 """Samples that a knot needs at least, as an operator of the reference route does."""
-MOST_KNOTS = 256
-"""Of the longest response: 320 columns on 10,000 samples take a second."""
-WIDEST = 32
-"""Samples between two knots at most: a loop that needs more is sampled far too fast."""
 FUTURE = 4
 """Past knots for one in the future: there is little in it unless the loop is not linear."""
 
@@ -106,60 +105,67 @@ class Projection:
 
 def _driven(record: Record) -> tuple[Record, str]:
     """The record with its input projected, and what is told of that."""
-    u, knots, spacing = projected(np.asarray(record.u), np.asarray(record.reference))
-    told = f"{knots} knots {spacing} samples apart in the past, a quarter as many in the future"
-    return with_input(record, u, record.behaviour), told
+    u, reference = np.asarray(record.u), np.asarray(record.reference)
+    past = lags(*reference.shape)
+    future = past[: -(-len(past) // FUTURE)]
+    told = f"{len(past)} knots over {past[-1]} samples of the past, {len(future)} of the future"
+    return with_input(record, projected(u, reference, past, future), record.behaviour), told
 
 
-def projected(u: Array, reference: Array) -> tuple[Array, int, int]:
-    """The projection of the inputs, the number of past knots, and the samples between two.
+def lags(n: int, n_references: int) -> list[int]:
+    """Knots from one sample to half the record, as fine as the number of samples allows.
+
+    Parameters
+    ----------
+    n, n_references : int
+        Samples, and signals that each knot weighs.
+
+    Examples
+    --------
+    >>> lags(80, 1)
+    [1, 2, 4, 8, 16, 32, 40]
+    """
+    found: list[int] = []
+    for finest in range(1, FINEST + 1):
+        knots = [1]
+        while knots[-1] < n // 2:
+            knots.append(min(knots[-1] + max(1, knots[-1] // finest), n // 2))
+        if found and len(knots) > n // (SAMPLES_A_KNOT * n_references):
+            break
+        found = knots
+    return found
+
+
+def projected(u: Array, reference: Array, knots: Sequence[int], later: Sequence[int]) -> Array:
+    """The inputs projected on a constant, the references, and hats of their past and future.
 
     Parameters
     ----------
     u : (n_samples, n_inputs) array
     reference : (n_samples, n_references) array
         Beyond its ends it counts as its first and last values.
-
-    Returns
-    -------
-    projection : (n_samples, n_inputs) array
-    knots : int
-    spacing : int
+    knots, later : sequence of int
+        Lags behind and before a sample, rising from one.
     """
-    n, n_references = reference.shape
-    most = max(min(n // (SAMPLES_A_KNOT * n_references), MOST_KNOTS), FEWEST_KNOTS)
-    best, lowest, chosen = np.zeros_like(u), np.inf, (FEWEST_KNOTS, 1)
-    for knots, spacing in _lengths(most, n):
-        columns = _responses(reference, knots, spacing)
-        weights = np.linalg.lstsq(columns, u, rcond=None)[0]
-        made = columns @ weights
-        left = np.maximum(np.sum((u - made) ** 2, axis=0), np.finfo(float).tiny)
-        own = columns.shape[1]
-        criterion = float(np.sum(n * np.log(left / n) + 2.0 * own * n / max(n - own - 1, 1)))
-        if criterion < lowest:
-            best, lowest, chosen = made, criterion, (knots, spacing)
-    return np.asarray(best), *chosen
+    columns = [np.ones((len(reference), 1)), reference, *_hats(reference, knots)]
+    columns += [one[::-1] for one in _hats(reference[::-1], later)]
+    table = np.hstack(columns)
+    return np.asarray(table @ np.linalg.lstsq(table, u, rcond=None)[0])
 
 
-def _lengths(most: int, n: int) -> Iterator[tuple[int, int]]:
-    """Knots and spacings a factor of two apart, none longer than half the record."""
-    spacing = 1
-    while spacing <= WIDEST:
-        knots = FEWEST_KNOTS
-        while knots <= most and knots * spacing <= n // 2:
-            yield knots, spacing
-            knots *= 2
-        spacing *= 2
-
-
-def _responses(reference: Array, knots: int, spacing: int) -> Array:
-    """A constant, and every reference through the hat at each knot, from the future to the past."""
-    later = -(-knots // FUTURE)
-    hat = np.convolve(np.ones(spacing), np.ones(spacing)) / spacing
-    margin = spacing - 1
-    before, after = (knots - 1) * spacing + margin, later * spacing + margin
-    padded = np.pad(reference, ((before, after), (0, 0)), mode="edge")
-    smooth = np.column_stack([np.convolve(one, hat, mode="valid") for one in padded.T])
-    n = len(reference)
-    lags = [smooth[before - margin - k * spacing :][:n] for k in range(-later, knots)]
-    return np.hstack([np.ones((n, 1)), *lags])
+def _hats(reference: Array, knots: Sequence[int]) -> list[Array]:
+    """Sums of earlier samples, by a hat about each of some lags; half of one at the first."""
+    n, reach = len(reference), max(knots, default=0)
+    padded = np.pad(reference, ((reach, 0), (0, 0)), mode="edge")
+    length = n + 2 * reach
+    spectrum = np.fft.rfft(padded, length, axis=0)
+    columns = []
+    for k, centre in enumerate(knots):
+        first, last = knots[max(k - 1, 0)], knots[min(k + 1, len(knots) - 1)]
+        span = np.arange(first, last + 1)
+        weights = np.interp(
+            span, [first, centre, last], [float(k == 0), 1.0, float(centre == last)]
+        )
+        made = np.fft.irfft(spectrum * np.fft.rfft(weights, length)[:, None], length, axis=0)
+        columns.append(made[reach - first :][:n])
+    return columns

@@ -18,6 +18,10 @@ which is solved here as the reference route solves it (`reference`): the fixed p
 the same, the way there is not. For white noise at the output and a controller that works on samples
 the estimate is efficient among those with instruments.
 
+*Standard errors.* Instruments that are not quite the noise-free regressors ``T`` cost accuracy, and
+the covariance is ``sigma^2 (Z' T)^-1 Z' Z (Z' T)^-T`` (`returned_errors`), not that of a fit to the
+simulated input.
+
 *Between the samples.* As the authors do, the recorded ``u`` is taken as held. Of a controller in
 continuous time it is not, and (2) is then biased, the more so the coarser the samples are
 (Gonzalez, Pan, Rojas & Welsh 2024). `ThreeModel` with the same controller is without that error.
@@ -50,6 +54,7 @@ from tridentify.estimation.likelihood.question import silently
 from tridentify.estimation.methods.base import Progress, check
 from tridentify.estimation.methods.by_reference.passes import root
 from tridentify.estimation.methods.by_reference.reference import completed
+from tridentify.estimation.methods.by_reference.returned_errors import with_returned_errors
 from tridentify.estimation.methods.capability import Capability
 from tridentify.estimation.methods.closed_loop.second_stage import OPEN_LOOP
 from tridentify.estimation.methods.output_error import OutputError
@@ -142,5 +147,6 @@ class ClosedLoopRefinedInstrumentalVariable:
         begun = [Loop(part, "sampled").instrument for part in parts]
         first = OPEN_LOOP.estimate(begun, structure, say)
         loops = [known_loop(part, first.model, self.controller, "sampled") for part in parts]
-        found = root(loops, structure, first, OutputError, say)
-        return completed(Request.of(records, structure, self.name), found)
+        found, told = with_returned_errors(root(loops, structure, first, OutputError, say))
+        words = (told,) if told else ()
+        return completed(Request.of(records, structure, self.name), found, *words)

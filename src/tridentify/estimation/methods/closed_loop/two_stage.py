@@ -11,8 +11,10 @@ part of ``u`` which the first stage does not explain is noise too, so the estima
 and not efficient. The error of ``u_M`` between the samples stays: it is taken as the record states
 of its input.
 
-The first stage is that of the reference route (`closed_loop.driven`), Laguerre functions with rate
-and number by AICc; the authors take an FIR or an ARX model of high order.
+The first stage is that of the reference route (`closed_loop.driven`), but with as many Laguerre
+functions as the samples determine, of the rate that leaves least of ``u``; the authors take an FIR
+or an ARX model of high order. A number that suits ``u``, by AICc, would not do: what the first
+stage misses is driven by the reference, and the second takes it for noise.
 
 References
 ----------
@@ -25,9 +27,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.closed_loop.between_samples import with_input
-from tridentify.estimation.closed_loop.driven import driven
+from tridentify.estimation.closed_loop.driven import MOST_FUNCTIONS, driven, near
 from tridentify.estimation.methods.base import Progress
 from tridentify.estimation.methods.capability import EVERYTHING, Capability
 from tridentify.estimation.methods.closed_loop.second_stage import in_two_stages
@@ -89,5 +93,7 @@ class TwoStage:
 
 def _driven(record: Record) -> tuple[Record, str]:
     """The record with the input that its reference makes, and what is told of that."""
-    part = driven(record)
+    u = np.asarray(record.u)
+    parts = near(driven(record), MOST_FUNCTIONS)
+    part = min(parts, key=lambda one: float(np.prod(np.std(u - one.inputs, axis=0))))
     return with_input(record, part.inputs, record.behaviour), part.words
