@@ -82,6 +82,18 @@ def test_what_it_was_is_kept_in_the_file(tmp_path):
 
 
 @pytest.mark.unjudged
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [2, 4, 6])
+def test_no_polynomial_that_nobody_asked_for_stands_in_for_the_growth(seed):
+    """An aircraft that falls away over 9 s: a stable plant beside a drift of degree four or more
+    follows it as well, at a higher AICc."""
+    den = [1.0, 2.0, -0.6]
+    estimate = identify(released(den, 9.0, seed=seed, noise=0.02, dt=0.03), Structure(2, 0))
+    assert estimate.structure.drift_degree == 0
+    assert np.all(np.abs(estimate.theta - [*den[1:], 2.0]) < 4.0 * estimate.std)
+
+
+@pytest.mark.unjudged
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.fast("0")
 def test_a_slow_stable_plant_in_drifting_noise_stays_stable(seed):

@@ -46,6 +46,22 @@ def test_plant_in_a_fast_loop():
     assert found.fit.factors.x.shape[1] == 3
 
 
+@pytest.mark.slow
+def test_none_of_an_input_that_carries_no_noise():
+    """The controller has a sensor of its own, without noise: no standard error is that of rounding.
+
+    A controller that is a little other than linear and continuous, as one that was simulated in
+    steps, shows in the plant otherwise, where its row counts beyond measure.
+    """
+    heard = loop(3, 300, 0.0)
+    y = heard.y[:, 0] + 0.01 * np.std(heard.y) * np.random.default_rng(5).standard_normal(300)
+    record = Record(heard.u, y, dt=DT, reference=heard.reference)
+    assert factors_of(record) is None
+    found = identify(record, Structure(2, 0), ThreeModel(controller="continuous"))
+    assert np.all(np.abs(found.theta - TRUTH) < 4.0 * found.std)
+    assert np.all(found.std > 1e-5 * np.abs(TRUTH))
+
+
 def test_none_of_a_controller_that_works_on_samples():
     """Whatever it is said to be: its input follows from the samples."""
     record = loop(3, 200, 0.01)

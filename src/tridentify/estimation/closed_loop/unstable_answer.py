@@ -324,9 +324,13 @@ def _is_unseen(best: Found, edge: float) -> bool:
 
 def leaves_more(found: Estimate, other: Estimate) -> bool:
     """Whether a plant that is not stable leaves clearly more of the output than a stable one."""
+    return other.status is Status.CONVERGED and worse_by(found, other) > AS_LIKELY
+
+
+def worse_by(found: Estimate, other: Estimate) -> float:
+    """Rise of ``-2 log L`` of what is left of the output, from another estimate to this one."""
     left, less = (100.0 - float(one.fit[0]) for one in (found, other))
-    worse = found.n_samples * 2.0 * float(np.log(left / less)) if less > 0.0 else np.inf
-    return other.status is Status.CONVERGED and worse > AS_LIKELY
+    return found.n_samples * 2.0 * float(np.log(left / less)) if less > 0.0 else np.inf
 
 
 def _spread_between(

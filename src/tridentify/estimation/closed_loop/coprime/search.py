@@ -7,9 +7,10 @@ Gramian is the unit matrix, has them when it is cut off at the largest eigenvalu
 observability Gramian (Moore 1981), or where the fit with one pole less has ended, with another pole
 and a zero upon it.
 
-Where a controller rests at its limits, or operators on the references explain more of the errors
-than chance does, there are no such factors, and `coprime_root` finds nothing. A controller that
-works on samples is not seen by this, but its rule is in the input (`input_rule`).
+Where a controller rests at its limits, the input carries no noise at all, or operators on the
+references explain more of the errors than chance does, there are no such factors, and
+`coprime_root` finds nothing. A controller that works on samples is not seen by this, but its rule
+is in the input (`input_rule`).
 
 Reference: B. Moore, IEEE Transactions on Automatic Control 26 (1981) 17-32.
 """
@@ -48,6 +49,9 @@ TOLD_APART = 1e-3
 AT_LIMITS = 0.005
 """Share of the samples at a limit of the input, from which the controller is not linear."""
 
+LEAST_NOISE = 1e-6
+"""Of the input, over the input: a controller that hears less (a simulated one, or one with a sensor
+of its own) gives rows that count beyond measure, and what factors miss would show in the plant."""
 CLEARLY_GROWS = 4.0
 """Standard errors from zero of the pole farthest right, from which factors are taken: beside an
 integrator a pole too few of the controller shows in the plant, and intervals are too narrow."""
@@ -111,12 +115,13 @@ def coprime_root(
                 rows, [rows.of(one[:, None])[:, 0] for one in _left(loops)], choose_noise
             )
             fit = _of_order(loops, plant, rows, described)
-            fit = None if fit is None else _complete(_settled(fit, choose_noise), choose_noise)
+            if fit is not None and _hears_noise(fit):
+                fit = _complete(_settled(fit, choose_noise), choose_noise)
         except (np.linalg.LinAlgError, ValueError):  # a plant or a loop beyond all bounds
             continue
         if fit is not None and (best is None or _is_better(fit, best)):
             best = fit
-    if best is None or not _is_as_good(best, described):
+    if best is None or not (_hears_noise(best) and _is_as_good(best, described)):
         return None
     cov = covariance(best.slopes, best.errors, _counts(best))
     free = best.factors.plant.free
@@ -260,6 +265,13 @@ def _settled(fit: Fit, choose_noise: Choice | None) -> Fit:
         if np.all(np.abs(moved) <= SETTLED * errors):
             break
     return fit
+
+
+def _hears_noise(fit: Fit) -> bool:
+    """Whether what the factors leave of the input is more than rounding makes."""
+    left = np.concatenate([one[:, 1] for one in fit.pairs])
+    given = np.concatenate([loop.record.u[:, 0] for loop in fit.loops])
+    return float(np.std(left)) > LEAST_NOISE * float(np.std(given))
 
 
 def _is_better(one: Fit, other: Fit) -> bool:

@@ -11,7 +11,9 @@ somebody.
 Something else may have grown there: a drift, which is as good as the free response of such a pole.
 So, where it grew no more than a drift may, a stable plant beside a disturbance that grows at the
 same rate, as another input, must explain the record clearly worse: what grows is then the response
-to the input.
+to the input. Where the search itself put a polynomial beside the stable plant, both need only be
+worse, by AICc, which chose the polynomial: that bends as any growth does, and nobody asked for it,
+whereas beside a drift a stable plant answers its input otherwise than one that grows.
 """
 
 from __future__ import annotations
@@ -26,9 +28,11 @@ from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.trace import Status
 from tridentify.estimation.closed_loop.unstable_answer import (
+    AS_LIKELY,
     estimate_of,
     orders_of,
     without_controller,
+    worse_by,
 )
 from tridentify.estimation.methods.base import Progress
 from tridentify.numerics.arrays import Array
@@ -88,17 +92,17 @@ def unless_unstable(
     gain = _deviance(found, asked.records) - best.deviance
     sure = rate > SURELY * error or (gain > BEYOND_DOUBT and not best.noise.size)
     like_a_drift = rate * longest < EXPLOSION
-    beside = found.structure.drift_degree - asked.structure.drift_degree
-    # a polynomial that nobody asked for bends as any growth does
-    least = CLEARLY if like_a_drift or not beside else 0.0
+    # a polynomial that nobody asked for bends as any growth does: AICc tells it from growth
+    beside = found.structure.drift_degree > asked.structure.drift_degree
+    least = 0.0 if beside and not (like_a_drift and best.noise.size) else CLEARLY
     if gain < least or not sure or rate * longest < GROWTH:
         return found
-    if like_a_drift and _beside_a_drift(asked, again, rate) - best.deviance < CLEARLY:
+    if like_a_drift and _beside_a_drift(asked, again, rate) - best.deviance < least:
         return found
     told = f"-2 log L is lower by {gain:.1f} than of the best stable model"
     reached_end = replace(estimate_of(asked, loops, best, (told,)), route=found.route)
     # what nobody held follows from the model alone, from the start of the record to its end
-    return reached_end if reached_end.fit.min() >= found.fit.min() else found
+    return found if worse_by(reached_end, found) > AS_LIKELY else reached_end
 
 
 def may_be_unstable(found: Estimate, records: Sequence[Record], structure: Structure) -> bool:
