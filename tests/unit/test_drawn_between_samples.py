@@ -24,3 +24,29 @@ def test_tones_that_are_taken_as_held_are_told_as_such_and_not_as_feedback(seed)
     assert estimate.route == "open-loop"
     assert estimate.findings[0].code == "intersample"
     assert "feedback" not in [one.code for one in estimate.findings]
+
+
+def both_nodes(rng: np.random.Generator, intersample: str, n: int = 330, fine: int = 20) -> Record:
+    """Levels behind a resistance, and what is loaded with two capacitors, measured at both."""
+    length = int(rng.integers(5, 25)) * fine
+    levels = np.repeat(rng.choice([-0.5, 0.5], n), length)[: n * fine]
+    rate, ratio, source = rng.uniform(0.2, 0.6), rng.uniform(0.3, 2.0), rng.uniform(0.7, 4.0)
+    den = [1.0, source * (1.0 + ratio) + rate, source * rate]
+    nodes = [TransferFunction(num, den) for num in ([source, source * rate], [source * rate])]
+    driven = Record(levels, levels, dt=1.0 / fine)
+    u, y = (simulate(node, driven)[::fine, 0] for node in nodes)
+    read = [0.002 * np.round(one / 0.002 + 0.5 * rng.standard_normal(n)) for one in (u, y)]
+    return Record(*read, dt=1.0, intersample=intersample)
+
+
+@pytest.mark.slow
+@pytest.mark.judged
+@pytest.mark.parametrize("intersample", ["zoh", "auto"])
+def test_a_node_that_both_ends_of_a_circuit_load_is_no_controllers(intersample):
+    found = []
+    for seed in range(5):
+        record = both_nodes(np.random.default_rng([932, seed]), intersample)
+        estimate = identify(record, Structure(1, 0))
+        said = {one.code for one in estimate.findings if one.matters}
+        found.append(estimate.route == "direct" or bool(said & {"feedback", "loop-not-excited"}))
+    assert sum(found) <= 1

@@ -34,6 +34,7 @@ from tridentify.estimation.methods.output_error import OutputError
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.causes.attempts.feedback import Inputs, misses
 from tridentify.judgement.causes.attempts.first_samples import beginning
+from tridentify.judgement.causes.attempts.intersample import moves_between
 from tridentify.judgement.causes.attempts.told_apart import answers_at_once, laws, rests
 from tridentify.judgement.causes.past_outputs import (
     Told,
@@ -157,7 +158,10 @@ def why_directly(method: Method, estimate: Estimate, records: Sequence[Record]) 
     if method.noise == "white" or method.loss != "squared" or estimate.route != "open-loop":
         return ""
     # what past outputs tell costs little; all tests cost as much as the search itself
-    seen = _held(estimate, records) or _reacts(estimate, records)
+    seen = _held(estimate, records)
+    if seen and moves_between(estimate, records):
+        seen = ""
+    seen = seen or _reacts(estimate, records)
     if not seen or exchanged(records):
         return ""
     return f"{seen}, and no reference says what else moved it"

@@ -17,7 +17,8 @@ What is linear and finite about a forecast makes exceptions, and each is kept ou
 * Of an input that is not held, or measured with noise, an output knows what its samples do not say.
   Then outputs to come know far more of it, as the plant answers after it, and past ones must tell
   a good half of that. A smooth one on a floor of noise that follows no output is not asked. The
-  output of the same sample does not count: a controller that acts at once answers to it.
+  output of the same sample does not count: a controller that acts at once answers to it. Nor do
+  samples soon after a large move: when it came, an output knows as well.
 
 References: C. Granger, Econometrica 37 (1969) 424-438.
 """
@@ -217,6 +218,7 @@ def told_finding(told: Told, inputs: Sequence[str], output: str) -> Finding:
 
 def _told(inputs: Inputs, output: int, input_: int, pairs: int) -> Told | None:
     """What the past of one output tells of one input; None where that is nothing."""
+    inputs = inputs.at_rest()
     now, known, more, before, after = _columns(inputs, output, input_)
     if now.size < max(FEWEST, 2 * (known.shape[1] + PAST_OUTPUTS)):
         return None

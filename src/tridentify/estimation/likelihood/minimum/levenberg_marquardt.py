@@ -302,10 +302,11 @@ def _beside_a_zero(at: Callable[..., Point], point: Point, most: int) -> Point |
     """
     pinned = np.ones(point.problem.n_inputs, dtype=bool)
     sides = np.eye(pinned.size) * BESIDE * min(e.dt for e in point.problem.experiments)
+    least = sides.sum(axis=0)
+    if np.any(point.problem.delays < least):
+        return None
     for _ in range(TURNS):
         delays = point.problem.delays
-        if np.any(delays < sides.sum(axis=0)):
-            return None
         held, status, _ = finish(at, at(point.poles, delays=delays, pinned=pinned), None, most)
         point, left = at(held.poles, delays=delays), 0.0
         for side in sides:
@@ -317,6 +318,8 @@ def _beside_a_zero(at: Callable[..., Point], point: Point, most: int) -> Point |
                 return None
             left += slope**2 / (2.0 * bend)
             delays = delays - slope / bend * side
+            if np.any(delays < least):
+                return None
         if left < NEARLY_SETTLED:
             return point
         point = at(held.poles, delays=delays)

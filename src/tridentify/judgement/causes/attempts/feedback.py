@@ -25,7 +25,7 @@ References: C. Sims, American Economic Review 62 (1972) 540-552. C. Granger, Eco
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -38,7 +38,7 @@ from tridentify.estimation.likelihood.setup.problem import Problem
 from tridentify.judgement.causes.attempts.attempt import Attempt
 from tridentify.judgement.causes.attempts.direct_part import has_direct_part
 from tridentify.judgement.causes.signals.levels_in_noise import is_noise_of_its_sensor, levels_of
-from tridentify.judgement.causes.signals.surprises import moved, small_surprises
+from tridentify.judgement.causes.signals.surprises import at_rest, moved, small_surprises
 from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import whiten_columns
@@ -62,6 +62,12 @@ PER_OLDER = 12
 
 BESIDE_OLDER = 1e-2
 """p-value beside these, which cost degrees of freedom, up to which it counts."""
+
+AT_REST = 1e-2
+"""The same where an input that is not held did not move far just before."""
+
+FEWEST_AT_REST = 60
+"""Surprises there that it takes to ask."""
 
 COMING = 4
 """Samples to come that a controller may act at first."""
@@ -163,6 +169,14 @@ class Inputs:
     def held(self) -> bool:
         """Whether all are held between samples."""
         return all(record.behaviour == "zoh" for record in self.records)
+
+    def at_rest(self) -> Inputs:
+        """Those where no input moved far just before, if they are not held; else all.
+
+        When an input jumped between two samples, and what it did there, an output knows as well.
+        """
+        own = self.surprises if self.held else tuple(at_rest(one) for one in self.surprises)
+        return replace(self, surprises=own)
 
 
 def _recorded_noise(record: Record) -> NDArray[np.bool_]:
@@ -323,8 +337,8 @@ def coming(
     if within.soon.size:
         at_once, sizes = _from(0, left)
         if np.any(sizes > within.soon):
-            return _beside_older(at_once, 0, left)
-    return _beside_older(_from(within.guard, left)[0], within.guard, left)
+            return _asked_again(at_once, 0, left)
+    return _asked_again(_from(within.guard, left)[0], within.guard, left)
 
 
 def by_predictor(inputs: Inputs, output: int, guard: int) -> Coming:
@@ -351,7 +365,7 @@ def by_predictor(inputs: Inputs, output: int, guard: int) -> Coming:
     scale, white = inputs.scale_of(output), np.zeros(0)
     e = _white([one[:, None] for one in seen], seen, white, scale)[:, 0]
     left = Left(seen, own, white, inputs, e, scale)
-    return _beside_older(_from(guard, left)[0], guard, left)
+    return _asked_again(_from(guard, left)[0], guard, left)
 
 
 def forecasts_react(point: Point, records: Sequence[Record]) -> bool:
@@ -402,14 +416,20 @@ class Left(NamedTuple):
     scale: Sequence[float] = ()
 
 
-def _beside_older(found: Coming, first: int, left: Left) -> Coming:
-    """What inputs to come explain, asked again beside a long past of the inputs where it is clear.
+def _asked_again(found: Coming, first: int, left: Left) -> Coming:
+    """What inputs to come explain, asked again where it is clear: at rest, and beside a long past.
 
     What a short past does not tell of an input that repeats itself is no surprise: it resembles
     what is long past, and explains what a predictor or a noise model of few lags leaves of that.
     """
     if not found.is_clear:
         return found
+    if not left.inputs.held:
+        quiet = left.inputs.at_rest()
+        if sum(np.count_nonzero(one) for one in quiet.surprises) >= FEWEST_AT_REST:
+            again, _ = _from(first, left._replace(inputs=quiet))
+            if again.p_value > AT_REST:
+                return again._replace(chance=AT_REST)
     count = sum(int(np.isfinite(one).sum()) for one in left.residual)
     most = min(OLDER, count // (PER_OLDER * left.inputs.records[0].n_inputs))
     if most <= PAST:

@@ -84,6 +84,11 @@ NOTABLY = 0.02
 MATTERS = 1.0
 """Movement of a coefficient [standard errors] from which it is a warning and not a note."""
 
+SLOW = 1.0
+"""Size of all poles times the sampling interval, below which a plant that answers within a sample
+does so since its input moved there. The inverse of a controller that acts at once answers by poles
+that are over within a sample, or that turn as fast as it: of 18 loops lines looked likelier in 14,
+with a pole of 1.6 and more in each."""
 
 FIT_LOST = 1.0
 """Fit [percent] that another behaviour may cost an output and still be advised: where it costs
@@ -225,6 +230,27 @@ def behaviours(estimate: Estimate, records: Sequence[Record]) -> Behaviours | No
         return None
     above |= {one: end.deviance - fitted[first].deviance for one, end in fitted.items()}
     return Behaviours(first, above, fitted, steps, count)
+
+
+def moves_between(estimate: Estimate, records: Sequence[Record]) -> bool:
+    """Whether inputs that are taken as held moved between their samples.
+
+    An output then tells what the input of the same sample is, as one that a controller acts on
+    does. A controller makes lines look likelier, too, but as its own inverse.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    records : sequence of Record
+        Those that were identified.
+    """
+    if estimate.route != "open-loop" or any(one.dt is None for one in records):
+        return False
+    found = behaviours(estimate, records)
+    if found is None or found.present != "zoh" or found.advised == "zoh":
+        return False
+    fastest = float(np.abs(found.attempts[found.advised].point.poles).max(initial=0.0))
+    return all(fastest * one.dt < SLOW for one in records if one.dt is not None)
 
 
 def _promised(point: Point) -> float:

@@ -25,6 +25,7 @@ import numpy as np
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
 from tridentify.judgement.causes.attempts.first_samples import beginning
+from tridentify.judgement.causes.attempts.intersample import moves_between
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 
@@ -204,7 +205,8 @@ def about_loop(
     reacts = any(one.code == "feedback" for one in tested)
     names = estimate.input_names
     poles = int(np.max(estimate.structure.poles_matrix(len(estimate.output_names), len(names))))
-    return loop_findings(records, poles, names, reacts, answers_at_once(estimate))
+    found = loop_findings(records, poles, names, reacts, answers_at_once(estimate))
+    return [] if found and not reacts and moves_between(estimate, records) else found
 
 
 def loop_findings(

@@ -56,6 +56,9 @@ MOVING = 0.9
 TO_AND_FRO = 0.3
 """Mean sign of the product of neighbouring moves below which an input goes to and fro."""
 
+SETTLES = 8
+"""Samples after a large surprise in which what follows it is told by when it came."""
+
 CUTOFF = 1e-10
 """Singular value over the largest below which past inputs tell nothing new."""
 
@@ -109,6 +112,27 @@ def _of_one(u: Array, past: int) -> Array:
             found[most:, j][between] = _small(rows, np.ascontiguousarray(now[between]), least)
     found.flags.writeable = False
     return found
+
+
+def at_rest(surprises: Array) -> Array:
+    """Small surprises, none of them soon after a large one.
+
+    Parameters
+    ----------
+    surprises : (n_samples, n_inputs) array
+        Zero where one is large.
+
+    Examples
+    --------
+    >>> found = at_rest(np.array([[1.0]] * 3 + [[0.0]] + [[1.0]] * 10))
+    >>> np.flatnonzero(found[:, 0]).tolist()
+    [0, 1, 2, 12, 13]
+    """
+    large = surprises == 0.0
+    near = np.array(large)
+    for lag in range(1, SETTLES + 1):
+        near[lag:] |= large[:-lag]
+    return np.where(near, 0.0, surprises)
 
 
 def moved(signals: Array, lags: Sequence[int]) -> Array:
