@@ -34,14 +34,13 @@ from tridentify.judgement.selection.criteria import (
     Criteria,
     free_coefficients,
     largest_relative_std,
-    unknowns_of,
+    own_criteria,
 )
 from tridentify.judgement.selection.integrators import at_zero
 from tridentify.judgement.selection.result import AHEAD, Selection, SelectionRow
 from tridentify.judgement.selection.rule import POINT, Contender, adequate, choose, levels_off
 from tridentify.judgement.selection.soundness import doubts
 from tridentify.judgement.selection.words import reason_ahead
-from tridentify.numerics.information import aicc_price
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.record.record import Record
 from tridentify.structure import Structure
@@ -159,7 +158,7 @@ def _whole(row: SelectionRow, loop: Loop) -> SelectionRow:
 
 def _row(structure: Structure, estimate: Estimate, records: Sequence[Record]) -> SelectionRow:
     widest_std, widest = largest_relative_std(estimate)
-    criteria = _criteria(estimate, records)
+    criteria = own_criteria(estimate, records)
     return SelectionRow(
         structure=structure,
         estimate=estimate,
@@ -177,15 +176,6 @@ def _row(structure: Structure, estimate: Estimate, records: Sequence[Record]) ->
         n_unknowns=criteria.n_unknowns,
         deviance=criteria.deviance,
     )
-
-
-def _criteria(estimate: Estimate, records: Sequence[Record]) -> Criteria:
-    """Those of the estimate's own likelihood.
-
-    Noise models are of any order, in each row its own: what it costs (AICc) counts as deviance.
-    """
-    k, n = unknowns_of(estimate), sum(int(np.isfinite(record.y).sum()) for record in records)
-    return Criteria(k, n, estimate.aicc - aicc_price(float(k), float(n)))
 
 
 def with_integrators(rows: Sequence[SelectionRow], place: int | None) -> list[Structure]:
@@ -315,17 +305,27 @@ def _settle(rows: list[SelectionRow], loop: Loop) -> int | None:
 
     Finding plant and noise together costs as much as all else. Of a plant that is held the steps in
     turn may not tell what speaks against a row, and the error one sample ahead falls by what has no
-    need to be alike: rows up to the likeliest that are nearly as likely get it.
+    need to be alike: rows up to the likeliest that are nearly as likely get it, the smallest first.
+    Each may be found likelier than larger ones, which then need it no more.
     """
-    contenders = contenders_of(rows, loop.records)
-    likeliest = choose(contenders)
-    if likeliest is not None:
-        size, near = rows[likeliest].n_coefficients, rows[likeliest].aicc + RIVAL
-        for k, row in enumerate(rows):
-            if row.ok and not row.identified and row.n_coefficients <= size and row.aicc <= near:
-                rows[k] = _whole(row, loop)
     while True:
-        place = recommended(contenders_of(rows, loop.records))
-        if place is None or rows[place].identified:
-            return place
+        contenders = contenders_of(rows, loop.records)
+        place = _rival(rows, choose(contenders))
+        if place is None:
+            place = recommended(contenders)
+            if place is None or rows[place].identified:
+                return place
         rows[place] = _whole(rows[place], loop)
+
+
+def _rival(rows: Sequence[SelectionRow], likeliest: int | None) -> int | None:
+    """The smallest row up to the likeliest that is nearly as likely and not yet `identify`'s."""
+    if likeliest is None:
+        return None
+    size, near = rows[likeliest].n_coefficients, rows[likeliest].aicc + RIVAL
+    left = [
+        k
+        for k, row in enumerate(rows)
+        if row.ok and not row.identified and row.n_coefficients <= size and row.aicc <= near
+    ]
+    return min(left, key=lambda k: (rows[k].n_coefficients, rows[k].aicc), default=None)
