@@ -76,6 +76,24 @@ def assert_ten_are_their_own(record, structures, seed):
                 assert few.cross_fit == pytest.approx(row.cross_fit, abs=1e-9)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_orders_beyond_those_that_explain_no_more_begin_from_the_shared_starts_alone(seed):
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.choice([-1.0, 1.0], 60), 5)
+    y = simulate(TransferFunction([2.0], [1.0, 2.0]), Record(u, u, dt=0.05))
+    record = Record(u, y + 0.03 * rng.standard_normal(y.shape), dt=0.05)
+    structures = [Structure(n, n - 1, offset=False, initial_state="rest") for n in (1, 2, 3)]
+    found = select(record, structures)
+    assert found.recommended is found.rows[0]
+    assert found.rows[0].identified
+    assert not found.rows[2].identified
+    whole = ThreeModel(finish="likelihood").estimate([record], structures[2])
+    # searched as a whole it would explain no more than candidates with needless poles do by luck
+    fall = record.n_samples * np.log(found.rows[2].estimate.cost / whole.cost)
+    assert fall < 4.0 * np.log(record.n_samples)
+
+
 def test_poles_that_are_known_need_no_search(record):
     method = ThreeModel(noise="white")
     searched = method.estimate([record], RIGHT)
