@@ -305,27 +305,31 @@ def _settle(rows: list[SelectionRow], loop: Loop) -> int | None:
 
     Finding plant and noise together costs as much as all else. Of a plant that is held the steps in
     turn may not tell what speaks against a row, and the error one sample ahead falls by what has no
-    need to be alike: rows up to the likeliest that are nearly as likely get it, the smallest first.
-    Each may be found likelier than larger ones, which then need it no more.
+    need to be alike: rows up to the likeliest that are nearly as likely get it. Those against which
+    something speaks already get it only where that holds of all that could be recommended: of a
+    plant that is not stable the steps in turn may come to nothing else.
     """
+    rivals = _rivals(rows, choose(contenders_of(rows, loop.records)))
+    for k in [k for k in rivals if not rows[k].doubts]:
+        rows[k] = _whole(rows[k], loop)
     while True:
-        contenders = contenders_of(rows, loop.records)
-        place = _rival(rows, choose(contenders))
+        place = recommended(contenders_of(rows, loop.records))
         if place is None:
-            place = recommended(contenders)
-            if place is None or rows[place].identified:
-                return place
-        rows[place] = _whole(rows[place], loop)
+            return None
+        left = [k for k in rivals if not rows[k].identified] if rows[place].doubts else []
+        if rows[place].identified and not left:
+            return place
+        for k in left or [place]:
+            rows[k] = _whole(rows[k], loop)
 
 
-def _rival(rows: Sequence[SelectionRow], likeliest: int | None) -> int | None:
-    """The smallest row up to the likeliest that is nearly as likely and not yet `identify`'s."""
+def _rivals(rows: Sequence[SelectionRow], likeliest: int | None) -> list[int]:
+    """Rows up to the likeliest that are nearly as likely, and not yet as `identify` gives them."""
     if likeliest is None:
-        return None
+        return []
     size, near = rows[likeliest].n_coefficients, rows[likeliest].aicc + RIVAL
-    left = [
+    return [
         k
         for k, row in enumerate(rows)
         if row.ok and not row.identified and row.n_coefficients <= size and row.aicc <= near
     ]
-    return min(left, key=lambda k: (rows[k].n_coefficients, rows[k].aicc), default=None)
