@@ -48,7 +48,10 @@ from tridentify.structure import Structure
 UNSEEN = 2.0
 """Standard errors up to which a constant term ``a0`` may be zero."""
 
-IN_TURN = "of plant and noise in turn where a row was far from being recommended"
+IN_TURN = (
+    "of plant and noise in turn where a row was far from being recommended, or something spoke "
+    "against it there"
+)
 
 Runner = Callable[[Callable[["LoopTask"], SelectionRow], Sequence["LoopTask"], str], list[Any]]
 
@@ -295,7 +298,8 @@ def select_in_loop(
         return None
     reason = reason_ahead(rows, contenders_of(rows, loop.records), place)
     told = [f"{loop.why}: {COMPARED_AHEAD}"]
-    told += [f"errors are those {IN_TURN}"] if any(row.ok > row.identified for row in rows) else []
+    left = any(row.ok > row.identified for row in rows)
+    told += [f"AICc and errors are those {IN_TURN}"] if left else []
     told += ["validation records have no part in that"] if unseen else []
     return Selection(tuple(rows), rows[place], reason, None, tuple(told))
 
