@@ -102,7 +102,7 @@ def test_numbers_that_say_nothing_are_words(double):
     rows = [
         SelectionRow(
             Structure(2, 1), double.estimate, fit=np.array([90.0]), cross_fit=np.array([value]),
-            held_out_reason=reason, relative_std=0.1,
+            held_out_reason=reason, relative_std=0.1, identified=True,
         )
         for value, reason in ((-3e12, ""), (-np.inf, ""), (np.nan, "fewer than 40 samples"))
     ]  # fmt: skip

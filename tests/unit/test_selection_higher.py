@@ -7,7 +7,7 @@ from tridentify import Record, Structure, TransferFunction, select_structure, si
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.selection.higher import higher_candidates
 from tridentify.judgement.selection.orders import default_candidates
-from tridentify.judgement.selection.select import _Work
+from tridentify.judgement.selection.stages import Work
 
 pytestmark = pytest.mark.unjudged
 
@@ -31,7 +31,7 @@ def resonances(seed: int, n_modes: int, noise: float = 0.05, n_samples: int = 70
 
 def asked(record: Record) -> list[int]:
     """Numbers of poles that join the candidates."""
-    work = _Work((record,), ThreeModel(), None, lambda _: None)
+    work = Work((record,), ThreeModel(), None, lambda _: None)
     structures = default_candidates([record], Structure(1, 0))
     more = higher_candidates((record,), structures, work.opened(structures).table, ThreeModel())
     return [] if more is None else sorted({one.common_poles for one in more.structures})[4:]

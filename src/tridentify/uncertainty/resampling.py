@@ -417,15 +417,5 @@ def _clean(estimate: Estimate, record: Record, experiment: int) -> Record:
 
 
 def _with(record: Record, y: Array) -> Record:
-    """The record with other outputs."""
-    return Record(
-        record.u,
-        y,
-        t=record.t,
-        intersample=record.behaviour,
-        **record._loop,
-        input_names=record.input_names,
-        output_names=record.output_names,
-        units=record.units,
-        name=record.name,
-    )
+    """The record with other outputs: all else is known to be sound."""
+    return record._derive(y=y)

@@ -40,6 +40,7 @@ from tridentify.estimation.likelihood.fitted_point import ROUNDING_SQUARED
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.information import aicc_price
+from tridentify.record.record import Record
 
 
 @dataclass(frozen=True)
@@ -102,6 +103,16 @@ def criteria_of(
         )
         total += count
     return Criteria(n_unknowns + sum(a.size for a in noise), total, deviance)
+
+
+def own_criteria(estimate: Estimate, records: Sequence[Record]) -> Criteria:
+    """Those of the estimate's own likelihood.
+
+    Noise models are of any order, each estimate has its own: what it costs (AICc) counts as
+    deviance.
+    """
+    k, n = unknowns_of(estimate), sum(int(np.isfinite(record.y).sum()) for record in records)
+    return Criteria(k, n, estimate.aicc - aicc_price(float(k), float(n)))
 
 
 def unknowns_of(estimate: Estimate) -> int:

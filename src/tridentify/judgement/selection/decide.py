@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -118,7 +118,7 @@ class Decision:
     verdict: Verdict
 
 
-def decide(known: OrderEvidence, least: int = 0) -> Decision:
+def decide(known: OrderEvidence, least: int = 0, assumed: Container[int] = frozenset()) -> Decision:
     """The recommendation.
 
     Parameters
@@ -126,6 +126,8 @@ def decide(known: OrderEvidence, least: int = 0) -> Decision:
     known : OrderEvidence
     least : int
         Poles that are known to rise above the noise.
+    assumed : container of int
+        Rows that are not finished and taken as sound; others that are not finished are not.
     """
     rows, table = list(known.rows), known.table
     objections = _objections(table.contenders, rows)
@@ -144,6 +146,9 @@ def decide(known: OrderEvidence, least: int = 0) -> Decision:
     )
     pairs = zip(rows, known.held, known.unseen, known.whitened(likeliest), strict=True)
     trials = [replace(_trial(*one), misses=_misses_late(known, k)) for k, one in enumerate(pairs)]
+    for k, entry in enumerate(known.whole):
+        if entry.unfinished:
+            trials[k] = replace(trials[k], sound=k in assumed, vague=False)
     verdict = recommend(
         trials,
         likeliest,
@@ -214,7 +219,7 @@ def _row(
         relative_std=widest_std,
         widest=widest,
         n_coefficients=free_coefficients(estimate),
-        identified=True,
+        identified=not entry.unfinished,
         ok=estimate.status.ok,
     )
     if criteria is None or maximum is None:

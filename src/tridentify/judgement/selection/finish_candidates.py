@@ -48,11 +48,13 @@ from tridentify.estimation.likelihood.setup.nuisance import Nuisances, candidate
 from tridentify.estimation.likelihood.setup.problem import Problem, Variant
 from tridentify.estimation.likelihood.setup.raster import are_even
 from tridentify.estimation.likelihood.thresholds import ALLOWANCE
+from tridentify.estimation.methods.around_maximum.maximum import Reached
 from tridentify.estimation.methods.base import Method, check
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.estimation.search.following import Search
 from tridentify.estimation.search.found import SearchEnd
 from tridentify.estimation.search.starts import discrete_poles
+from tridentify.judgement.selection.halfway import Halfway
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.autoregression import deviance, fit_autoregression, most_coefficients
 from tridentify.numerics.rational import scaled_roots
@@ -74,13 +76,17 @@ WORSE = 0.05
 ended elsewhere, and it begins again from there."""
 
 
+_Done = tuple[Estimate, Complex | None, tuple[Reached, ...]]
+
+
 @dataclass(frozen=True, eq=False)
 class CandidateTask:
     """One candidate and where to begin.
 
     ``shared`` says that it can be finished from ``seeds``; otherwise ``method`` identifies it.
     Where a candidate comes to ``reach``, the AICc of the parallel model, there is nothing left to
-    search for. ``found`` is what ``method`` gave where it was asked already.
+    search for. ``found`` is what ``method`` gave where it was asked already. ``halfway`` says that
+    its search may stop at the likelihood's maximum, ``reached`` where one did.
     """
 
     records: tuple[Record, ...]
@@ -92,13 +98,16 @@ class CandidateTask:
     search: bool = True
     reach: float = -np.inf
     found: Estimate | None = None
+    halfway: bool = False
+    reached: tuple[Reached, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class Entry:
     """What became of a candidate: an estimate with its residuals, or the reason why not.
 
-    ``longest`` is the duration of the longest experiment [s].
+    ``longest`` is the duration of the longest experiment [s]. ``left`` is a maximum at which the
+    search was left, as the answer may be another one; empty where it is the answer.
     """
 
     structure: Structure
@@ -108,6 +117,12 @@ class Entry:
     poles: Complex | None = None
     shared: bool = True
     longest: float = 1.0
+    left: tuple[Reached, ...] = ()
+
+    @property
+    def unfinished(self) -> bool:
+        """Whether `identify` may give another estimate: the search went on, or a whole one came."""
+        return self.shared or bool(self.left)
 
 
 def run_task(task: CandidateTask) -> Entry:
@@ -115,7 +130,7 @@ def run_task(task: CandidateTask) -> Entry:
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"), one_blas_thread():
             warnings.simplefilter("ignore")
-            estimate, poles = _finished(task) if task.shared else (_identified(task), None)
+            estimate, poles, left = _finished(task) if task.shared else _identified(task)
             residuals = tuple(
                 np.asarray(estimate.residual(record, experiment=e))
                 for e, record in enumerate(task.records)
@@ -124,14 +139,21 @@ def run_task(task: CandidateTask) -> Entry:
         reason = str(error).partition("\n")[0] or type(error).__name__
         return Entry(task.structure, None, reason, shared=task.shared)
     longest = max(record.duration for record in task.records)
-    return Entry(task.structure, estimate, "", residuals, poles, task.shared, longest)
+    return Entry(task.structure, estimate, "", residuals, poles, task.shared, longest, left)
 
 
-def _identified(task: CandidateTask) -> Estimate:
-    return task.found or task.method.estimate(task.records, task.structure)
+def _identified(task: CandidateTask) -> _Done:
+    """What the method gives, and where its search was left."""
+    if task.found is not None:
+        return task.found, None, ()
+    method = task.method
+    if task.halfway and isinstance(method, ThreeModel):
+        method = Halfway.of(method, task.reached)
+    estimate = method.estimate(task.records, task.structure)
+    return estimate, None, tuple(method.left) if isinstance(method, Halfway) else ()
 
 
-def _finished(task: CandidateTask) -> tuple[Estimate, Complex]:
+def _finished(task: CandidateTask) -> _Done:
     """The likelihood's maximum from the seeds."""
     records, structure = list(task.records), task.structure
     check(records, structure, task.method.name, ThreeModel().capabilities)
@@ -142,7 +164,7 @@ def _finished(task: CandidateTask) -> tuple[Estimate, Complex]:
     trace = Trace(tuple(done.recorder.passes), (), found.decisions, done.why)
     ending = Ending(done.point, done.nuisances, done.status, done.criterion, trace)
     estimate = estimate_from(ending, Request.of(records, structure, task.method.name))
-    return estimate, done.point.poles
+    return estimate, done.point.poles, ()
 
 
 def _best(base: Problem, variants: Sequence[Variant], task: CandidateTask) -> Point:
@@ -175,8 +197,9 @@ def begun(task: CandidateTask, alone: Entry) -> CandidateTask | Entry:
     poles = sort_poles(scaled_roots(estimate.model.den[0][0]))
     if task.seeds or not is_on_white(estimate) or estimate.noise_levels:
         return replace(task, seeds=(poles, *task.seeds))
-    if estimate.status is Status.POSTERIOR_MEAN:
-        return replace(task, seeds=(poles, *_before_the_mean(estimate, poles.size)), search=False)
+    if alone.left or estimate.status is Status.POSTERIOR_MEAN:
+        before = () if alone.left else _before_the_mean(estimate, poles.size)
+        return replace(task, seeds=(poles, *before), search=False)
     return replace(alone, poles=poles, shared=True)
 
 

@@ -34,14 +34,13 @@ from tridentify.judgement.selection.criteria import (
     Criteria,
     free_coefficients,
     largest_relative_std,
-    unknowns_of,
+    own_criteria,
 )
 from tridentify.judgement.selection.integrators import at_zero
 from tridentify.judgement.selection.result import AHEAD, Selection, SelectionRow
 from tridentify.judgement.selection.rule import POINT, Contender, adequate, choose, levels_off
 from tridentify.judgement.selection.soundness import doubts
 from tridentify.judgement.selection.words import reason_ahead
-from tridentify.numerics.information import aicc_price
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.record.record import Record
 from tridentify.structure import Structure
@@ -49,7 +48,10 @@ from tridentify.structure import Structure
 UNSEEN = 2.0
 """Standard errors up to which a constant term ``a0`` may be zero."""
 
-IN_TURN = "of plant and noise in turn where a row was far from being recommended"
+IN_TURN = (
+    "of plant and noise in turn where a row was far from being recommended, or something spoke "
+    "against it there"
+)
 
 Runner = Callable[[Callable[["LoopTask"], SelectionRow], Sequence["LoopTask"], str], list[Any]]
 
@@ -159,7 +161,7 @@ def _whole(row: SelectionRow, loop: Loop) -> SelectionRow:
 
 def _row(structure: Structure, estimate: Estimate, records: Sequence[Record]) -> SelectionRow:
     widest_std, widest = largest_relative_std(estimate)
-    criteria = _criteria(estimate, records)
+    criteria = own_criteria(estimate, records)
     return SelectionRow(
         structure=structure,
         estimate=estimate,
@@ -177,15 +179,6 @@ def _row(structure: Structure, estimate: Estimate, records: Sequence[Record]) ->
         n_unknowns=criteria.n_unknowns,
         deviance=criteria.deviance,
     )
-
-
-def _criteria(estimate: Estimate, records: Sequence[Record]) -> Criteria:
-    """Those of the estimate's own likelihood.
-
-    Noise models are of any order, in each row its own: what it costs (AICc) counts as deviance.
-    """
-    k, n = unknowns_of(estimate), sum(int(np.isfinite(record.y).sum()) for record in records)
-    return Criteria(k, n, estimate.aicc - aicc_price(float(k), float(n)))
 
 
 def with_integrators(rows: Sequence[SelectionRow], place: int | None) -> list[Structure]:
@@ -305,7 +298,8 @@ def select_in_loop(
         return None
     reason = reason_ahead(rows, contenders_of(rows, loop.records), place)
     told = [f"{loop.why}: {COMPARED_AHEAD}"]
-    told += [f"errors are those {IN_TURN}"] if any(row.ok > row.identified for row in rows) else []
+    left = any(row.ok > row.identified for row in rows)
+    told += [f"AICc and errors are those {IN_TURN}"] if left else []
     told += ["validation records have no part in that"] if unseen else []
     return Selection(tuple(rows), rows[place], reason, None, tuple(told))
 
@@ -315,17 +309,31 @@ def _settle(rows: list[SelectionRow], loop: Loop) -> int | None:
 
     Finding plant and noise together costs as much as all else. Of a plant that is held the steps in
     turn may not tell what speaks against a row, and the error one sample ahead falls by what has no
-    need to be alike: rows up to the likeliest that are nearly as likely get it.
+    need to be alike: rows up to the likeliest that are nearly as likely get it. Those against which
+    something speaks already get it only where that holds of all that could be recommended: of a
+    plant that is not stable the steps in turn may come to nothing else.
     """
-    contenders = contenders_of(rows, loop.records)
-    likeliest = choose(contenders)
-    if likeliest is not None:
-        size, near = rows[likeliest].n_coefficients, rows[likeliest].aicc + RIVAL
-        for k, row in enumerate(rows):
-            if row.ok and not row.identified and row.n_coefficients <= size and row.aicc <= near:
-                rows[k] = _whole(row, loop)
+    rivals = _rivals(rows, choose(contenders_of(rows, loop.records)))
+    for k in [k for k in rivals if not rows[k].doubts]:
+        rows[k] = _whole(rows[k], loop)
     while True:
         place = recommended(contenders_of(rows, loop.records))
-        if place is None or rows[place].identified:
+        if place is None:
+            return None
+        left = [k for k in rivals if not rows[k].identified] if rows[place].doubts else []
+        if rows[place].identified and not left:
             return place
-        rows[place] = _whole(rows[place], loop)
+        for k in left or [place]:
+            rows[k] = _whole(rows[k], loop)
+
+
+def _rivals(rows: Sequence[SelectionRow], likeliest: int | None) -> list[int]:
+    """Rows up to the likeliest that are nearly as likely, and not yet as `identify` gives them."""
+    if likeliest is None:
+        return []
+    size, near = rows[likeliest].n_coefficients, rows[likeliest].aicc + RIVAL
+    return [
+        k
+        for k, row in enumerate(rows)
+        if row.ok and not row.identified and row.n_coefficients <= size and row.aicc <= near
+    ]

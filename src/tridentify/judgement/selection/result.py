@@ -33,6 +33,10 @@ _TITLES = ("", "poles, zeros", "coefficients", "fit [%]", _HELD_OUT, "std/value"
 AHEAD = "compared one sample ahead"
 """Why there is no held-out fit in a loop."""
 
+UNFINISHED = "not finished"
+"""What is said of a row whose estimate is a maximum of the likelihood at which the search was left:
+whatever `identify` gives in its place, it would not be recommended."""
+
 
 @dataclass(frozen=True, eq=False)
 class SelectionRow:
@@ -70,7 +74,8 @@ class SelectionRow:
     deviance : float
         ``-2 log L`` without constants.
     identified : bool
-        Whether ``estimate`` is what `identify` gives for ``structure``, to the last bit.
+        Whether ``estimate`` is what `identify` gives for ``structure``, to the last bit. A row that
+        cannot be recommended whatever that is may be left at the likelihood's maximum.
     ok : bool
         Whether the estimate is usable.
     """
@@ -197,6 +202,8 @@ class Selection:
         remarks = list(row.doubts)
         if row.held_out_reason and not self._ahead:
             remarks.append(f"held-out: {row.held_out_reason}")
+        if not (row.identified or self._ahead):
+            remarks.append(UNFINISHED)
         return (
             mark,
             row.label,

@@ -136,16 +136,18 @@ def choose(rows: Sequence[Contender]) -> int | None:
     >>> choose(rows)
     1
     """
+    alike = stand_ins(rows)
+    return next((k for k in alike if rows[k].known), alike[0] if alike else None)
+
+
+def stand_ins(rows: Sequence[Contender]) -> list[int]:
+    """The adequate row of fewest unknowns, and after it those that may stand in for it.
+
+    The first of them that is known is the likeliest, or the first where none is.
+    """
     kept = [k for k, ok in enumerate(adequate(rows)) if ok]
-    if not kept:
-        return None
-
-    def price(k: int) -> tuple[int, float]:
-        return rows[k].criteria.n_unknowns, rows[k].criteria.deviance
-
-    first = min(kept, key=price)
-    known = [k for k in kept if rows[k].known and _is_alike(rows[k], rows[first])]
-    return min(known or [first], key=price)
+    kept.sort(key=lambda k: (rows[k].criteria.n_unknowns, rows[k].criteria.deviance))
+    return [k for k in kept if _is_alike(rows[k], rows[kept[0]])]
 
 
 def _is_alike(one: Contender, first: Contender) -> bool:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from tridentify.judgement.selection.numbers import percent, share
 from tridentify.judgement.selection.orders import is_integrator, order_label
-from tridentify.judgement.selection.result import SelectionRow
+from tridentify.judgement.selection.result import UNFINISHED, SelectionRow
 from tridentify.judgement.selection.rule import POINT, SLIGHT, Contender, Verdict, needed
 from tridentify.judgement.validation.explained import TRIED
 from tridentify.numerics.arrays import Array
@@ -70,8 +70,13 @@ def in_words(
     return " ".join(filter(None, told))
 
 
-def notes(models: Sequence[tuple[Array, ...]], unseen: bool) -> tuple[str, ...]:
-    """How the rows were compared, with noise models of each, and whether on unseen records."""
+def notes(
+    models: Sequence[tuple[Array, ...]], unseen: bool, finished: bool = True
+) -> tuple[str, ...]:
+    """How the rows were compared, with noise models of each, and whether on unseen records.
+
+    ``finished`` says that every row is.
+    """
     told = []
     noise = next((noise for noise in models if noise), ())
     if any(a.size for a in noise):
@@ -88,6 +93,8 @@ def notes(models: Sequence[tuple[Array, ...]], unseen: bool) -> tuple[str, ...]:
             "state fitted to the whole record"
         )
     told.append("fit and coefficients of every row are those that identify gives for it alone")
+    if not finished:
+        told[-1] += f", but of those that are {UNFINISHED}, which cannot be recommended"
     return tuple(told)
 
 
