@@ -333,6 +333,7 @@ def _of_chosen_order(
         template=wanted.template,
         integrators=True,
         delays=True,
+        finish=False,
         progress=progress,
     )
     row = selection.recommended

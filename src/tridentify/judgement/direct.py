@@ -65,10 +65,6 @@ NOT_EXPLAINED = 1e-4
 """p-value of past inputs and outputs in the innovations, from which the direct route has failed."""
 
 
-HELD_BY = "; the input counts as held: {}"
-"""What a trace says of an input that a controller shows to be held."""
-
-
 @dataclass(frozen=True, eq=False)
 class Direct:
     """An estimate by the direct route.
@@ -121,16 +117,15 @@ def directly(
     why = why_directly(method, estimate, records)
     if not (why and isinstance(method, ThreeModel)):
         return None
-    rule = None if stated else made_on_samples(estimate, records)
-    if rule is not None:
-        records, why = [one.between("zoh") for one in records], why + HELD_BY.format(rule.value)
+    held = "" if stated else made_on_samples(estimate, records)
+    if held:
+        records, why = [one.between("zoh") for one in records], f"{why}; {held}"
     found = _if_it_leads(method, records, structure, progress, why)
-    known = stated or rule is not None
-    return None if found is None else Direct(found, tuple(records), known)
+    return None if found is None else Direct(found, tuple(records), bool(stated or held))
 
 
-def made_on_samples(estimate: Estimate, records: Sequence[Record]) -> InputRule | None:
-    """What shows in inputs that a controller which works on their samples made them.
+def made_on_samples(estimate: Estimate, records: Sequence[Record]) -> str:
+    """What shows that a controller made the inputs which works on the samples; empty for nothing.
 
     In a loop without a reference: without a loop, an input without noise follows from what it did.
 
@@ -142,7 +137,8 @@ def made_on_samples(estimate: Estimate, records: Sequence[Record]) -> InputRule 
     """
     poles = int(np.max(np.asarray(estimate.structure.poles)))
     rule = input_rule(records, poles - may_integrate(estimate, records))
-    return rule if rule in (InputRule.SAMPLED, InputRule.HELD) else None
+    seen = rule in (InputRule.SAMPLED, InputRule.HELD)
+    return f"the input counts as held: {rule.value}" if seen else ""
 
 
 def why_directly(method: Method, estimate: Estimate, records: Sequence[Record]) -> str:

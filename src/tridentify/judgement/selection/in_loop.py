@@ -29,7 +29,12 @@ from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.likelihood.thresholds import CLEARLY, RIVAL
 from tridentify.estimation.methods.three_model import ThreeModel
-from tridentify.judgement.direct import by_direct_route, why_directly, widened
+from tridentify.judgement.direct import (
+    by_direct_route,
+    made_on_samples,
+    why_directly,
+    widened,
+)
 from tridentify.judgement.selection.criteria import (
     Criteria,
     free_coefficients,
@@ -122,7 +127,7 @@ def loop_of(
     """
     why = why_directly(method, estimate, records)
     if why:
-        return Loop(records, why, left_open)
+        return _between(Loop(records, why, left_open), estimate)
     if not left_open or records[0].behaviour == "zoh":
         return None
     held = tuple(one.between("zoh") for one in records)
@@ -136,7 +141,16 @@ def loop_of(
         return None
     if min(ends) > min(open_.aicc, estimate.aicc) - RIVAL:
         return None
-    return Loop(held if ends[0] < ends[1] + CLEARLY else records, why, left_open)
+    likelier = held if ends[0] < ends[1] + CLEARLY else records
+    return _between(Loop(likelier, why, left_open), open_)
+
+
+def _between(loop: Loop, estimate: Estimate) -> Loop:
+    """The same with what shows in the samples of an input that nobody stated to be held."""
+    held = made_on_samples(estimate, loop.records) if loop.left_open else ""
+    if not held:
+        return loop
+    return Loop(tuple(one.between("zoh") for one in loop.records), f"{loop.why}; {held}", False)
 
 
 def run_loop_task(task: LoopTask) -> SelectionRow:

@@ -81,7 +81,8 @@ class Work:
     """What all stages need; ``free`` and ``late`` say which rows may join.
 
     ``found`` holds poles from which candidates of as many begin, too; ``left_open`` says that the
-    behaviour of the input was found, ``all_searched`` that no order is left to the shared starts.
+    behaviour of the input was found, ``all_searched`` that no order is left to the shared starts,
+    ``finish`` that every row is to be what `identify` gives.
     """
 
     records: tuple[Record, ...]
@@ -94,6 +95,7 @@ class Work:
     found: tuple[Complex, ...] = ()
     left_open: bool = False
     all_searched: bool = False
+    finish: bool = True
 
     def run(self, function: Any, tasks: Iterable[Any], said: str) -> list[Any]:
         """All tasks, in their order."""
@@ -397,7 +399,7 @@ class Work:
         return found
 
     def _alone(self, task: CandidateTask) -> CandidateTask:
-        halfway = can_stop(self.method, self.records, task.structure)
+        halfway = not self.finish and can_stop(self.method, self.records, task.structure)
         return replace(task, shared=False, halfway=halfway)
 
     def _hankel(self, table: SelectionTable, place: int | None) -> Hankel | None:
