@@ -211,8 +211,8 @@ def search(
             stated = all(record.intersample != "auto" for record in given)
             again = directly(chosen, estimate, used, estimate.structure, progress, stated=stated)
             if again is not None:
-                told, used = estimate.trace.decisions[:1], again.records
-                wide = widened(again.estimate, used, stated=again.stated)
+                told, used = estimate.trace.decisions[:1], tuple(again[1])
+                wide = widened(again[0], used, stated=stated)
                 estimate = with_judgement(wide, used, chosen, None, told)
             if not (stated or again or estimate.route == "direct"):
                 estimate, used = _beside_times(estimate, used, chosen, progress)
@@ -229,15 +229,15 @@ def search(
         found = having_left_out(found, left_out)
         first, stated = found, all(record.intersample != "auto" for record in given)
         again = directly(chosen, found, seen, wanted, progress, stated=stated)
-        known = stated
         if again is not None:
-            found, seen, known = again.estimate, list(again.records), again.stated
-            between = between if known == stated else None
+            taken = seen[0].behaviour
+            found, seen = again
+            between = between if taken == seen[0].behaviour else None
         elif not (stated or found.route == "direct"):
             found, seen = with_times(chosen, found, seen, wanted, progress)
             between = None if is_timed(found) else between
-        found = widened(found, seen, stated=known)
-        found = not_stable(chosen, found, seen, wanted, progress, stated=known) or found
+        found = widened(found, seen, stated=stated)
+        found = not_stable(chosen, found, seen, wanted, progress, stated=stated) or found
 
     def judged() -> Estimate:
         if progress is not None:

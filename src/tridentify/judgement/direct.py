@@ -14,7 +14,7 @@ input does next (`causes.past_outputs`), or a short linear law of outputs does
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,14 +22,12 @@ from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.answer.estimate import Estimate
-from tridentify.estimation.closed_loop.input_rule import InputRule, input_rule
 from tridentify.estimation.likelihood.answer import widened_by
 from tridentify.estimation.likelihood.question import silently
 from tridentify.estimation.methods.base import Method, Progress
-from tridentify.estimation.methods.by_reference.controller_kind import may_integrate
 from tridentify.estimation.methods.by_reference.not_stable import may_be_unstable, unless_unstable
 from tridentify.estimation.methods.explained import explained_records
-from tridentify.estimation.methods.in_loop import found_together, wanders
+from tridentify.estimation.methods.in_loop import found_together, made_on_samples, wanders
 from tridentify.estimation.methods.output_error import OutputError
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.causes.attempts.feedback import Inputs, misses
@@ -65,25 +63,6 @@ NOT_EXPLAINED = 1e-4
 """p-value of past inputs and outputs in the innovations, from which the direct route has failed."""
 
 
-@dataclass(frozen=True, eq=False)
-class Direct:
-    """An estimate by the direct route.
-
-    Attributes
-    ----------
-    estimate : Estimate
-    records : tuple of Record
-        As they were used.
-    stated : bool
-        Whether it is known what the inputs do between their samples: somebody said so, or the
-        samples show that a controller works on them.
-    """
-
-    estimate: Estimate
-    records: tuple[Record, ...]
-    stated: bool
-
-
 def directly(
     method: Method,
     estimate: Estimate,
@@ -92,7 +71,7 @@ def directly(
     progress: Progress | None = None,
     *,
     stated: bool = True,
-) -> Direct | None:
+) -> tuple[Estimate, list[Record]] | None:
     """Estimate anew by the direct route where the input reacts to the output.
 
     Parameters
@@ -111,34 +90,22 @@ def directly(
 
     Returns
     -------
-    Direct or None
-        None where nothing calls for it, another route was asked for, or it leads nowhere.
+    (Estimate, list of Record) or None
+        With the records as they were used: a controller may show that their inputs are held. None
+        where nothing calls for it, another route was asked for, or it leads nowhere.
     """
     why = why_directly(method, estimate, records)
     if not (why and isinstance(method, ThreeModel)):
         return None
-    held = "" if stated else made_on_samples(estimate, records)
-    if held:
-        records, why = [one.between("zoh") for one in records], f"{why}; {held}"
-    found = _if_it_leads(method, records, structure, progress, why)
-    return None if found is None else Direct(found, tuple(records), bool(stated or held))
+    seen = records if stated else held_by_a_controller(estimate, records)
+    found = _if_it_leads(method, seen, structure, progress, why)
+    return None if found is None else (found, list(seen))
 
 
-def made_on_samples(estimate: Estimate, records: Sequence[Record]) -> str:
-    """What shows that a controller made the inputs which works on the samples; empty for nothing.
-
-    In a loop without a reference: without a loop, an input without noise follows from what it did.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        Of the plant: one that may integrate leaves a rule that is shorter by one.
-    records : sequence of Record
-    """
-    poles = int(np.max(np.asarray(estimate.structure.poles)))
-    rule = input_rule(records, poles - may_integrate(estimate, records))
-    seen = rule in (InputRule.SAMPLED, InputRule.HELD)
-    return f"the input counts as held: {rule.value}" if seen else ""
+def held_by_a_controller(estimate: Estimate, records: Sequence[Record]) -> Sequence[Record]:
+    """Records of a loop, with their inputs held where a controller on their samples made them."""
+    seen = made_on_samples(estimate, records)
+    return [one.between("zoh") for one in records] if seen else records
 
 
 def why_directly(method: Method, estimate: Estimate, records: Sequence[Record]) -> str:

@@ -30,6 +30,7 @@ class DecisionKind(enum.Enum):
     SLOW_DRIFT = "a slow disturbance is estimated along as a polynomial in time"
     BETWEEN_DECIDES = "what the input does between its samples decides"
     RESTS_ON_HELD = "the input counts as held between its samples, as the record says"
+    SEEN_HELD = "a controller that works on the samples holds the input"
     NO_END_TOGETHER = "plant and noise together come to no end"
     ANOTHER_PLANT = "another plant is nearly as likely"
     INPUT_TAKEN = "input taken as"

@@ -21,7 +21,8 @@ held, all three are tried, and their distances join the covariance, each counted
 others; where they are many standard errors apart, the record cannot tell the plant. A record that
 says held is believed, as its samples seldom tell, and what hangs on that is said; it is not
 believed where the input that moves at the samples, which knows of the past alone too, is clearly
-likelier.
+likelier. Where the input follows from the recorded samples to the last digit, a controller that
+works on them made it, and held it (`closed_loop.input_rule`): that is known then, whoever says so.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.trace import Status
 from tridentify.estimation.closed_loop.as_recorded import Foretold
 from tridentify.estimation.closed_loop.between_samples import Loop, with_input
+from tridentify.estimation.closed_loop.input_rule import InputRule, input_rule
 from tridentify.estimation.closed_loop.linear_errors import slowest
 from tridentify.estimation.closed_loop.long_past import plants_of_forecast
 from tridentify.estimation.closed_loop.predictor import Plant
@@ -46,6 +48,7 @@ from tridentify.estimation.closed_loop.sought import Sought
 from tridentify.estimation.closed_loop.unstable_answer import estimate_of, open_loops
 from tridentify.estimation.closed_loop.unstable_starts import starting_plants
 from tridentify.estimation.likelihood.thresholds import CLEARLY
+from tridentify.estimation.methods.by_reference.controller_kind import may_integrate
 from tridentify.numerics.arrays import Array
 from tridentify.record.checks.samples import Behaviour
 from tridentify.record.record import Record
@@ -89,7 +92,7 @@ def found_together(found: Estimate, records: Sequence[Record], *, stated: bool =
     told: tuple[str, ...]
     spread, told = np.zeros_like(found.cov), ()
     if found.route == "direct":
-        spread, told = _between(asked.records, best, stated)
+        spread, told = _between(found, asked.records, best, stated)
     if not best.found.moved < MANY:
         told = (NO_END, *told)
     elif best.rival:
@@ -187,13 +190,33 @@ def plant_of(estimate: Estimate) -> Plant:
     return Plant(np.array(estimate.theta[:n]), tuple(parts))
 
 
+def made_on_samples(found: Estimate, records: Sequence[Record]) -> InputRule | None:
+    """What shows in the inputs of a loop that a controller on their samples made them, if anything.
+
+    Without a loop, an input without noise follows from what it did, and this says nothing.
+
+    Parameters
+    ----------
+    found : Estimate
+        Of the plant: one that may integrate leaves a rule that is shorter by one.
+    records : sequence of Record
+        Without references.
+    """
+    poles = int(np.max(np.asarray(found.structure.poles)))
+    rule = input_rule(records, poles - may_integrate(found, records))
+    return rule if rule in (InputRule.SAMPLED, InputRule.HELD) else None
+
+
 def _between(
-    records: Sequence[Record], best: Settled, stated: bool
+    found: Estimate, records: Sequence[Record], best: Settled, stated: bool
 ) -> tuple[Array, tuple[str, ...]]:
     """Spread over what the input may do between its samples, and a word where it decides."""
     plant = best.found.plant
     n = plant.theta.size
     held = all(one.behaviour == "zoh" for one in records)
+    rule = made_on_samples(found, records) if held else None
+    if rule is not None:
+        return np.zeros((n, n)), (DecisionKind.SEEN_HELD.told(f": {rule.value}"),)
     straight: Behaviour = "foh" if held else "zoh"
     # of a held record the input that is foretold would be held too
     moved = _settled(plant, [Loop(Foretold.of(_with(one, "foh")), "continuous") for one in records])

@@ -31,7 +31,7 @@ from tridentify.estimation.likelihood.thresholds import CLEARLY, RIVAL
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.direct import (
     by_direct_route,
-    made_on_samples,
+    held_by_a_controller,
     why_directly,
     widened,
 )
@@ -127,7 +127,8 @@ def loop_of(
     """
     why = why_directly(method, estimate, records)
     if why:
-        return _between(Loop(records, why, left_open), estimate)
+        seen = held_by_a_controller(estimate, records) if left_open else records
+        return Loop(tuple(seen), why, left_open)
     if not left_open or records[0].behaviour == "zoh":
         return None
     held = tuple(one.between("zoh") for one in records)
@@ -142,15 +143,7 @@ def loop_of(
     if min(ends) > min(open_.aicc, estimate.aicc) - RIVAL:
         return None
     likelier = held if ends[0] < ends[1] + CLEARLY else records
-    return _between(Loop(likelier, why, left_open), open_)
-
-
-def _between(loop: Loop, estimate: Estimate) -> Loop:
-    """The same with what shows in the samples of an input that nobody stated to be held."""
-    held = made_on_samples(estimate, loop.records) if loop.left_open else ""
-    if not held:
-        return loop
-    return Loop(tuple(one.between("zoh") for one in loop.records), f"{loop.why}; {held}", False)
+    return Loop(likelier, why, left_open)
 
 
 def run_loop_task(task: LoopTask) -> SelectionRow:
