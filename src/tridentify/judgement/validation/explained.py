@@ -137,6 +137,8 @@ def explanations(
     present = present_of(view, estimate, noises)
     free = estimate.structure.delay == "free"
     found = explain(present, free=free, torn=torn, only=only, known=known)
+    if found is not None and view.driven:
+        found = replace(found, reacts=(None,) * len(view.outputs))
     if found is None or not view.own:
         return found
     return replace(found, printed=_printed(view, estimate, found.present))
