@@ -414,13 +414,14 @@ def _order_low(
     """A larger model: advice only where the response is followed better, and is determined."""
     base = explained.present
     rival, rise = found.rival, raised(found, base)
+    longest = max(one.duration for one in base.point.problem.experiments)
     tried = f"{TRIED}, {rival.what} explain it best"
     severity: Severity = "warning"
     remedy = rival.advice
     if follows_no_better(found, base):
         severity, remedy = "note", ""
         said = f"{where}. A larger model ({rival.what}) explains this correlation, not the response"
-    elif rise < HALVED and unsure(estimate):
+    elif rise < HALVED and unsure(estimate, longest):
         remedy = ""
         said = f"{where}. {tried}, but the record does not even tell all coefficients of this order"
     else:
