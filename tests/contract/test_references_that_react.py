@@ -1,10 +1,14 @@
 """What is given as a reference and is none: it carries the noise of the output."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from oracles import sampled_loop
 from tridentify import Record, Structure, ThreeModel, identify
+from tridentify.judgement.validation.residuals import look
+from tridentify.judgement.validation.tried import may_react, try_causes
 
 STEP = 0.05
 GIVEN = {
@@ -60,3 +64,16 @@ def test_a_reference_that_was_measured_is_none_of_these(kind, sensor):
     u, y, r = loop(2, kind)
     noise = sensor * np.random.default_rng(9).standard_normal(r.size)
     assert "reference-reacts" not in codes(u, y, r + noise)
+
+
+@pytest.mark.slow
+def test_that_the_recorded_input_reacts_is_no_objection_to_what_a_reference_drives():
+    u, y, _ = loop(0)
+    record = Record(u, y, dt=STEP)
+    found = identify(record, Structure(2, 0), ThreeModel(route="open-loop", noise="white"))
+    view = look(found, [record], None, own=True)
+    driven = replace(view, driven=True)
+    assert may_react(view)
+    assert not may_react(driven)
+    assert try_causes(view, found, 20, 1e-3).cause == "feedback"
+    assert try_causes(driven, found, 20, 1e-3).cause != "feedback"

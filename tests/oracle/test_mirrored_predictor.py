@@ -117,7 +117,7 @@ def test_the_plant_is_found_as_it_is(den, seed):
     assert np.all(estimate.std < 0.1 * np.abs(truth).max())
     if den[-1] == 0.0:
         # which of a slow pole and an integrator it is cannot be told, and is said
-        assert "not-determined" in [finding.code for finding in estimate.findings]
+        assert "outside-the-record" in [finding.code for finding in estimate.findings]
         return
     assert not estimate.model.is_stable
     assert all(finding.severity == "note" for finding in estimate.findings)

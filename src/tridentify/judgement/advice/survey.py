@@ -369,7 +369,7 @@ def _of_noise(records: Sequence[Record], output: Output) -> list[Finding]:
         found.append(
             Finding(
                 "feedback",
-                "warning",
+                "warning" if record.reference is None else "note",
                 f"Present and later inputs explain what past ones leave of {name} (by chance "
                 f"{'below ' * (chance < UNDERFLOW)}{max(chance, UNDERFLOW):.1g}): the input reacts "
                 "to the output, its clock is late, or the system has a direct part (as many zeros "

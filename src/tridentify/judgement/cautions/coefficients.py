@@ -9,14 +9,10 @@ import numpy as np
 from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import FEWER, Finding
-from tridentify.judgement.causes.attempts.fewer import foretold, unsure
+from tridentify.judgement.causes.attempts.fewer import BEYOND_RECORD, foretold, unsure
 from tridentify.numerics.quantiles import median
 from tridentify.numerics.rational import scaled_roots
 from tridentify.record.record import Record
-
-BEYOND_RECORD = 3.0
-"""Time constant over the length of the record from which its response is hardly seen: in a third
-of a time constant a step reaches 28 % of its end."""
 
 SLOW = "the record shows the beginning of its response alone"
 """What is said of a pole that is slower than that."""
@@ -49,7 +45,7 @@ def coefficient_findings(estimate: Estimate, records: Sequence[Record]) -> list[
     return [
         *_no_response(estimate, records),
         *_constant_input(estimate, records),
-        *_vague(estimate, integrates=any(SLOW in one.message for one in outside)),
+        *_vague(estimate, records, integrates=any(SLOW in one.message for one in outside)),
         *_other_delays(estimate),
         *outside,
         *_at_bounds(estimate),
@@ -57,14 +53,15 @@ def coefficient_findings(estimate: Estimate, records: Sequence[Record]) -> list[
     ]
 
 
-def _vague(estimate: Estimate, *, integrates: bool) -> list[Finding]:
-    """Coefficients whose standard error is above half of their value.
+def _vague(estimate: Estimate, records: Sequence[Record], *, integrates: bool) -> list[Finding]:
+    """Coefficients whose standard error is above half of their size (`fewer.unsure`).
 
     ``integrates``: a pole is told that is far slower than the record. Then the last coefficient of
     the denominator is about zero, no excitation tells it better, and what to do is said with that.
     """
     found = []
-    wide = [name for name in unsure(estimate) if not (integrates and name == "a0")]
+    longest = max(record.duration for record in records)
+    wide = [name for name in unsure(estimate, longest) if not (integrates and name == "a0")]
     vague = [name for name in wide if not name.startswith("delay")]
     late = [name for name in wide if name.startswith("delay")]
     if vague and np.isnan(estimate.std).all():

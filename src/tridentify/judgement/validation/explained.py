@@ -137,6 +137,8 @@ def explanations(
     present = present_of(view, estimate, noises)
     free = estimate.structure.delay == "free"
     found = explain(present, free=free, torn=torn, only=only, known=known)
+    if found is not None and view.driven:
+        found = replace(found, reacts=(None,) * len(view.outputs))
     if found is None or not view.own:
         return found
     return replace(found, printed=_printed(view, estimate, found.present))
@@ -412,13 +414,14 @@ def _order_low(
     """A larger model: advice only where the response is followed better, and is determined."""
     base = explained.present
     rival, rise = found.rival, raised(found, base)
+    longest = max(one.duration for one in base.point.problem.experiments)
     tried = f"{TRIED}, {rival.what} explain it best"
     severity: Severity = "warning"
     remedy = rival.advice
     if follows_no_better(found, base):
         severity, remedy = "note", ""
         said = f"{where}. A larger model ({rival.what}) explains this correlation, not the response"
-    elif rise < HALVED and unsure(estimate):
+    elif rise < HALVED and unsure(estimate, longest):
         remedy = ""
         said = f"{where}. {tried}, but the record does not even tell all coefficients of this order"
     else:

@@ -143,6 +143,11 @@ class View:
         Whether the estimate has standard errors.
     told : tuple of str
         What the reader should know.
+    driven : bool
+        Whether the inputs are what a reference drives, by the reference route. That the recorded
+        ones react is known then; what these hold of the noise is what a finite record lets the
+        reference seem to drive. Whether the reference itself reacts is another question
+        (`validation.reacting_reference`).
     searched : dict
         Of every output that was asked for, what its residual is searched for
         (`validation.statistics.columns`).
@@ -154,6 +159,7 @@ class View:
     own: bool
     has_errors: bool
     told: tuple[str, ...]
+    driven: bool = False
     searched: dict[int, Any] = field(default_factory=dict, init=False, repr=False)
 
     @property
@@ -241,7 +247,8 @@ def look(
                 "expected "
                 f"at least {p + FEWEST} to test a residual; record longer"
             )
-    return View(kept, found, point, own, bool(np.isfinite(estimate.cov).all()), tuple(told))
+    has_errors, driven = bool(np.isfinite(estimate.cov).all()), estimate.route == "reference"
+    return View(kept, found, point, own, has_errors, tuple(told), driven)
 
 
 def check_channels(estimate: Estimate, records: Sequence[Record], experiment: int | None) -> None:

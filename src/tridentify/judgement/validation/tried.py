@@ -100,7 +100,7 @@ def may_react(view: View) -> bool:
 
 
 def _may_react(view: View) -> bool:
-    if view.stamped:
+    if view.stamped or view.driven:
         return False
     inputs = Inputs.of(view.records)
     if inputs.commanded:
@@ -157,7 +157,8 @@ def try_causes(view: View, estimate: Estimate, n_lags: int, rate: float) -> Know
         known = tried.explained
     outputs = range(len(view.outputs))
     bad = any(len(_examined(view, i, setting).normality.outliers) for i in outputs)
-    if bad and not view.stamped and forecasts_react(view.point, view.records):
+    asked = bad and not (view.stamped or view.driven)
+    if asked and forecasts_react(view.point, view.records):
         # a fit that feedback has bent calls good samples bad, and hides it without them
         reacting = _tried(view, setting, False, known)
         if reacting.cause == "feedback":
@@ -321,7 +322,7 @@ def _reacting(
     found = []
     for i, one in enumerate(evidence):
         if explained is None:
-            commanded = is_staircase(view.records)
+            commanded = view.driven or is_staircase(view.records)
             found.append(one.having(feedback=NOTHING) if commanded else one)
         elif (seen := explained.reacts[i]) is not None:
             found.append(one.having(feedback=seen.p_value, past=NOTHING))

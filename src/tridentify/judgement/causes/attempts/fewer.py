@@ -31,11 +31,16 @@ from tridentify.judgement.causes.attempts.revisit import (
 )
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.autoregression import deviance, fit_autoregression, most_coefficients
+from tridentify.numerics.rational import scaled_roots
 from tridentify.numerics.realization import sort_poles
 from tridentify.record.record import Record
 
 LONGEST = 5_000
 """Samples of each record that are compared."""
+
+BEYOND_RECORD = 3.0
+"""Time constant over the length of the record from which its response is hardly seen: in a third
+of a time constant a step reaches 28 % of its end."""
 
 VAGUE = 0.5
 """Relative standard error of a coefficient from which smaller structures are fitted."""
@@ -77,10 +82,34 @@ class _Fitted:
     end: Attempt
 
 
-def unsure(estimate: Estimate) -> list[str]:
-    """Parameters whose standard error is above `VAGUE` of the value; what is fixed has none."""
+def unsure(estimate: Estimate, longest: float) -> list[str]:
+    """Parameters whose standard error is above `VAGUE` of their size; what is fixed has none.
+
+    A coefficient of a denominator is a sum of products of poles, which cancel where poles lie on
+    both sides of the axis: ``s^2 - w^2`` has ``a1 = 0`` however well it is known. Its size is what
+    it would be with all of them on the left, ``2 w`` there, and for a stable plant its own value.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    longest : float
+        Duration of the longest record [s]. No pole counts for less than one that is told to be
+        slower than the record (`BEYOND_RECORD`).
+    """
+    sizes: dict[str, float] = {}
+    for output, row in zip(estimate.output_names, estimate.model.den, strict=True):
+        for source, den in zip(estimate.input_names, row, strict=True):
+            poles = scaled_roots(den)
+            left = np.maximum(np.abs(poles.real), 1.0 / (BEYOND_RECORD * longest))
+            size = np.abs(np.poly(1j * poles.imag - left))[::-1].tolist()
+            for where in ("", f"[{output},{source}]"):
+                sizes |= {f"a{k}{where}": one for k, one in enumerate(size)}
     known = zip(estimate.names, estimate.theta.tolist(), estimate.std.tolist(), strict=True)
-    return [name for name, value, std in known if std and not std < VAGUE * abs(value)]
+    return [
+        name
+        for name, value, std in known
+        if std and not std < VAGUE * max(abs(value), sizes.get(name, 0.0))
+    ]
 
 
 def order_findings(estimate: Estimate, records: Sequence[Record]) -> list[Finding]:
@@ -97,7 +126,7 @@ def order_findings(estimate: Estimate, records: Sequence[Record]) -> list[Findin
     open_ = not given.constrained and given.delay != "free" and estimate.loss == "squared"
     if not (isinstance(order, int) and open_ and estimate.status.ok):
         return [NO_RESPONSE] if _gains_nothing(estimate, records) else []
-    vague = bool(unsure(estimate))
+    vague = bool(unsure(estimate, max(one.duration for one in records)))
     # what wanders follows any input that does, and the errors say that it follows it closely
     doubtful = vague or _follows_by_chance(estimate, records)
     if not (doubtful or order >= MANY):
