@@ -279,7 +279,7 @@ def _bent(signals: Sequence[Array], power: int) -> list[Array] | None:
 def _scheduled(records: Sequence[Record], fitted: Sequence[Array], i: int, j: int) -> list[Array]:
     """An input times an output, both about their means."""
     u = [np.asarray(record.u[:, j]) for record in records]
-    y = on_the_way([_filled(one[:, i]) for one in fitted], records)
+    y = [_filled(one[:, i]) for one in fitted]
     middle, level = float(np.concatenate(u).mean()), float(np.concatenate(y).mean())
     products = [(a - middle) * (b - level) for a, b in zip(u, y, strict=True)]
     return [np.asarray(one - one[0]) for one in products]
