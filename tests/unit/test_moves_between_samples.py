@@ -92,3 +92,27 @@ def test_moves_at_the_samples_are_taken_for_such(intersample):
         told += bool(said_between(estimate))
     assert timed == 0
     assert told <= (4 if intersample == "auto" else 1)
+
+
+def at_both_nodes(seed, n=300, dt=1e-3, fine=50):
+    """A switched source behind two loaded low-pass filters, recorded at the node of each."""
+    rng = np.random.default_rng([92, seed])
+    source = np.repeat(rng.choice([-0.5, 0.5], n), int(rng.integers(8, 25)) * fine)[: n * fine]
+    first, load = rng.uniform(700.0, 4000.0), rng.uniform(0.25, 2.0)
+    second = 415.0 * rng.uniform(0.5, 1.5)
+    u, y, h = np.empty(source.size), np.empty(source.size), dt / fine
+    node = last = source[0]
+    for k, pushed in enumerate(source):
+        u[k], y[k] = node, last
+        into = first * (pushed - node + load * (last - node))
+        node, last = node + h * into, last + h * second * (node - last)
+    seen = (0.002 * np.round(one[::fine] / 0.002 + 0.5 * rng.standard_normal(n)) for one in (u, y))
+    return Record(*seen, dt=dt, intersample="zoh")
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.slow
+def test_a_node_that_is_taken_as_held_is_no_clock_that_is_early(seed):
+    found = identify(at_both_nodes(seed), Structure(1, 0), throw=False).findings
+    assert found[0].code == "intersample"
+    assert all(one.code != "delay" for one in found if one.matters)

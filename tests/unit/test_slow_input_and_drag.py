@@ -179,6 +179,27 @@ def test_damping_by_the_square_of_the_speed_is_told_from_friction(
     assert f"Use {remedy} amplitudes" in found.remedy
 
 
+def driven(seed, n=400, fine=20):
+    """A drive whose speed turns between the samples, its friction 20 to 30 % of what drives it."""
+    rng = np.random.default_rng([6, seed])
+    half, share = int(rng.integers(15, 40)), rng.uniform(0.2, 0.3)
+    u = np.where(np.arange(n) // half % 2 == 0, 1.0, -1.0)
+    y, speed, h = np.zeros(n), 0.0, 0.02 / fine / rng.uniform(0.2, 0.5)
+    for k in range(n):
+        y[k] = speed
+        for _ in range(fine):
+            pushed = speed + h * (u[k] - speed)
+            speed = np.sign(pushed) * max(abs(pushed) - h * share, 0.0)
+    return Record(u, noisy(rng, y), dt=0.02)
+
+
+@pytest.mark.parametrize("seed", range(1, 9))
+@pytest.mark.slow
+def test_friction_of_a_drive_between_two_levels_is_no_further_pole(seed):
+    found = first_of(driven(seed), Structure(1, 0))
+    assert (found.code, found.kind) == ("nonlinear", "friction")
+
+
 def test_what_was_told_of_an_end_goes_with_it():
     kept = "noise coloured"
     gone = (DecisionKind.SLOW_AS_NOISE.told(": fit 77 %"), DecisionKind.FAR_LIKELIER.told(" by 27"))

@@ -413,7 +413,7 @@ def _rivals(
         (("input-noise",), lambda: floor_rivals(present)),
         (("channel-changes",), lambda: break_rivals(present, fitted)),
         (("delay",), lambda: late),
-        (("delay",), lambda: early_rivals(present)),
+        (("delay", "intersample"), lambda: early_rivals(present)),
         (("filtered",), lambda: both_ways_rivals(present)),
         (("saturation",), lambda: saturation_rivals(present, fitted)),
         (("nonlinear",), lambda: nonlinear_rivals(present, fitted)),

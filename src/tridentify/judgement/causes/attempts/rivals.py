@@ -23,7 +23,13 @@ from tridentify.judgement.causes.attempts.attempt import Attempt
 from tridentify.judgement.causes.attempts.direct_part import has_direct_part
 from tridentify.judgement.causes.attempts.present import Present
 from tridentify.judgement.causes.attempts.told_apart import laws
-from tridentify.judgement.causes.signals.inner_states import against, gripping, inner_states, turns
+from tridentify.judgement.causes.signals.inner_states import (
+    against,
+    gripping,
+    inner_states,
+    on_the_way,
+    turns,
+)
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.realization import sort_poles
 from tridentify.record.record import Record
@@ -195,7 +201,7 @@ def nonlinear_rivals(present: Present, fitted: Sequence[Array]) -> Iterator[Riva
             if extra is None:
                 continue
             what = f"an {which} non-linearity in the output {name} (a stiffness, a level)"
-            other = present.with_inputs(extra, "non-linear", 0)
+            other = present.with_inputs(on_the_way(extra, records), "non-linear", 0)
             yield _of_motion(other, what, advice)
         slopes = [_smooth_slope(f[:, i]) for f in fitted]
         what = f"dry friction against the movement of {name}"
@@ -221,7 +227,8 @@ def nonlinear_rivals(present: Present, fitted: Sequence[Array]) -> Iterator[Riva
                 f"what takes hold within the system, between {name} and the outputs (play or "
                 "friction between its parts)"
             )
-            other = present.with_inputs(gripping(state), "non-linear", present.order - 1)
+            held = on_the_way(gripping(state), records)
+            other = present.with_inputs(held, "non-linear", present.order - 1)
             yield _friction(other, what, larger)
 
 
@@ -235,14 +242,17 @@ def _of_motion(present: Present, what: str, advice: str) -> Rival:
 
 def _rubbing(present: Present, speeds: Sequence[Array]) -> Present:
     assert isinstance(present.order, int)
-    extra = [against(one, STICKS) for one in speeds]
+    pairs = zip(speeds, present.records, strict=True)
+    extra = [against(one, STICKS, held=record.behaviour == "zoh") for one, record in pairs]
     return present.with_inputs(extra, "friction", min(1, present.order - 1))
 
 
 def _dragging(present: Present, speeds: Sequence[Array], zeros: int) -> Present:
     assert isinstance(present.order, int)
     extra = [np.asarray(np.abs(one) * one) for one in speeds]
-    return present.with_inputs(extra, "drag", min(zeros, present.order - 1))
+    return present.with_inputs(
+        on_the_way(extra, present.records), "drag", min(zeros, present.order - 1)
+    )
 
 
 def _bent(signals: Sequence[Array], power: int) -> list[Array] | None:

@@ -3,9 +3,11 @@
 What acted is the recorded input moved in time, ``u(t - d(t))``, averaged over each sample where it
 is held. *Earlier*: ``d`` is negative. No model answers before its input, so that the channels are
 not on one clock; the record with its output moved back by whole samples and a delay for the rest is
-one that a model can answer. *Varying*: the response to an input that is later is a later response,
-whatever the poles, so that how late each stretch of the record is can be read off the output of a
-model with one delay moved in time; the input that comes of this is fitted, and so on from there.
+one that a model can answer. By less than a sample, an input that is taken as held moved before the
+sample that shows it: that is what it does between its samples. *Varying*: the response to an input
+that is later is a later response, whatever the poles, so that how late each stretch of the record
+is can be read off the output of a model with one delay moved in time; the input that comes of this
+is fitted, and so on from there.
 """
 
 from __future__ import annotations
@@ -118,12 +120,26 @@ def early_rivals(present: Present) -> Iterator[Rival]:
         f"outputs that are recorded {best * dt:.3g} s ({best:g} samples) before the input that "
         "moves them (a negative delay; the channels are not on one clock)"
     )
-    found = one("delay", _earlier(present, best), what, advice)
+    code, kind, headline = "delay", "", "an output comes before its input"
+    if best < 1.0 and all(record.behaviour == "zoh" for record in present.records):
+        # what is recorded of the next sample acted before it: the input moved in between
+        code, kind, headline = "intersample", "between", "an input moves between its samples"
+        what = (
+            f"inputs that moved {best * dt:.3g} s ({best:g} samples) before the sample that shows "
+            "it, where they are taken as held from there on (a measured input, or channels that "
+            "are not on one clock)"
+        )
+        advice = (
+            "Where the input was measured, state what it does between its samples "
+            f"(intersample='foh'; --intersample foh). Else: {advice[0].lower()}{advice[1:]}"
+        )
+    found = one(code, _earlier(present, best), what, advice)
     yield replace(
         found,
         starts=((poles[best], present.poles),),
         exact=True,
-        headline="an output comes before its input",
+        headline=headline,
+        kind=kind,
     )
 
 
