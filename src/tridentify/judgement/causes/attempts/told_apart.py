@@ -21,6 +21,7 @@ from typing import NamedTuple
 from weakref import ReferenceType, WeakKeyDictionary, ref
 
 import numpy as np
+from scipy.special import fdtrc
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
@@ -53,6 +54,14 @@ it was commanded."""
 RESTING = 0.5
 """Share of the samples at which an output moves and an input does not, from which no linear law of
 outputs moves that: it was set, whatever an output that answers at once tells of it."""
+
+NEARLY = 1e-4
+"""Share of an input's surprises that a law may leave, which then is a controller's whatever the
+input remembers: converters of eight bits leave 1e-5, noise of an output that answers at once 1e-2.
+"""
+
+CHANCE = 1e-3
+"""p-value from which the past of an input tells nothing of it."""
 
 FREE = 1e-5
 """Share of a column that those before it must leave for it to be one of its own without a doubt."""
@@ -291,7 +300,8 @@ def _law(records: Sequence[Record], j: int, most: int) -> Law:
         left, freedom = longest.left(most, most)
         if freedom >= 1 and left * freedom >= LITTLE * max(alone - left, 0.0):
             return none._replace(share=min(left / alone, 1.0))
-    lowest = 1.0
+    lowest, whole = 1.0, (longest or _regression(records, j, most, most, outputs=False)).left(0, -1)
+    remembers = _remembers(whole[0], alone, most, whole[1] - most)
     for lags in range(most + 1):
         left, freedom = (longest or _regression(records, j, lags, most)).left(lags, lags)
         if freedom < 1:
@@ -300,9 +310,22 @@ def _law(records: Sequence[Record], j: int, most: int) -> Law:
         told = max(alone / freedom - mean, 1e-300)
         outside, share = mean / told * freedom, min(mean * freedom / alone, 1.0)
         lowest = min(lowest, share)
-        if outside < LITTLE:
+        if outside < LITTLE and (remembers or share < NEARLY):
             return Law(j, lags, outside, share)
     return none._replace(share=lowest)
+
+
+def _remembers(whole: float, alone: float, lags: int, freedom: int) -> bool:
+    """Whether the past of an input tells more of it than chance does (F test).
+
+    The noise of a loop goes round it. An input that its own past does not tell was not made of
+    that, and where outputs tell it they answer at once: the law is the plant's inverse. A loop
+    whose noise is white and whose gain is small is like that too, but its law has no remainder.
+    """
+    if lags < 1 or freedom < 1:
+        return True
+    told = max(whole - alone, 0.0) / lags
+    return bool(fdtrc(lags, freedom, told / max(alone / freedom, 1e-300)) < CHANCE)
 
 
 def _by_itself(records: Sequence[Record], j: int, most: int, rows: int) -> bool:
