@@ -323,7 +323,10 @@ def descended(here: Together) -> End:
         if end.still or not np.isfinite(end.place.size):
             break
         try:
-            around = _steps(end.place.holding())
+            held = end.place.holding()
+            around = _steps(held)
+            if around.place is held and not around.still and end.steps < MOST_STEPS:
+                break  # no step leads on, held or not, and would not the next time
             again = _steps(around.place.following())
         except np.linalg.LinAlgError:
             break
