@@ -14,6 +14,7 @@ from tridentify.numerics.autoregression import (
     burg,
     deviance,
     fit_autoregression,
+    innovations_by,
     most_coefficients,
     whiten,
 )
@@ -192,3 +193,12 @@ def test_samples_that_all_stand_alone_are_white_whatever_order_is_asked_for():
     series = np.random.default_rng(1).standard_normal(30)
     series[1::2] = np.nan
     assert fit_autoregression([series], 3, 3).size == 0
+
+
+@given(st.lists(st.floats(-0.8, 0.8), min_size=1, max_size=6), st.integers(0, 1000))
+def test_derivatives_of_the_innovations_hold_at_the_first_samples_too(k, seed):
+    a, series = polynomial(np.array(k)), np.random.default_rng(seed).standard_normal(12)
+    ways = 1e-6 * np.eye(a.size)
+    by_difference = [(whiten(series, a + d)[0] - whiten(series, a - d)[0]) / 2e-6 for d in ways]
+    found = innovations_by(a, series, np.ones(series.size, dtype=bool))
+    np.testing.assert_allclose(found, np.column_stack(by_difference), rtol=1e-4, atol=1e-4)

@@ -23,7 +23,8 @@ information and the count of unknowns are those of these.
 no offset makes up for the input at which it rests.
 
 References: L. Ljung, *System Identification*, 2nd ed., sections 9.3 and 13.4 (1999). U. Forssell &
-L. Ljung, IEEE Transactions on Automatic Control 45 (2000) 137-141.
+L. Ljung, IEEE Transactions on Automatic Control 45 (2000) 137-141. D. Anderson, Journal of the ACM
+12 (1965) 547-560. H. Walker & P. Ni, SIAM Journal on Numerical Analysis 49 (2011) 1715-1735.
 """
 
 from __future__ import annotations
@@ -45,14 +46,14 @@ from tridentify.estimation.closed_loop.predictor import (
 from tridentify.estimation.closed_loop.unstable import FLOOR, STILL
 from tridentify.estimation.likelihood.setup.problem import FASTEST
 from tridentify.numerics.arrays import Array, Complex
-from tridentify.numerics.autoregression import (
-    Whitener,
-)
+from tridentify.numerics.autoregression import Whitener, innovations_by
 from tridentify.numerics.information import aicc_price
 
 MOST_STEPS = 40
 HOLDS = 2
 """Times that the predictor is held to get around a kink."""
+REMEMBERED = 4
+"""Steps before that tell how the next one creeps."""
 HALVINGS = 10
 """Of a step that does not lower the errors."""
 FARTHEST = 0.999
@@ -75,11 +76,8 @@ class Ahead(Foreseen):
         """By a plant, with poles of the predictor that are its own or held."""
         signals = recorded(loop)
         predictor = Predictor(plant, signals.dt, edge, held=held)
-        count, n_inputs = signals.u.shape
-        levels = np.eye(n_inputs)
-        quiet = replace(signals, fine=signals.fine[:0], y=np.zeros(count))
-        moved = [-predictor.errors(replace(quiet, u=np.tile(one, (count, 1)))) for one in levels]
-        rest = np.column_stack([predictor.starts(count), *moved])
+        count = len(signals.u)
+        rest = np.hstack([predictor.starts(count), predictor.levels(count)])
         seen = np.isfinite(loop.record.y[:, 0])
         return cls(loop, predictor, signals, predictor.errors(signals), rest, seen)
 
@@ -162,9 +160,10 @@ class Together:
         """Orthonormal columns of start, offset and levels, and what these are for each."""
         rest = self._white[1]
         size = np.linalg.norm(rest, axis=0) + 1e-300
-        u, values, turned = np.linalg.svd(rest / size, full_matrices=False)
+        q, r = np.linalg.qr(rest / size)
+        u, values, turned = np.linalg.svd(r)
         kept = values > TOLD_APART * values[0]
-        return u[:, kept], (turned[kept].T / values[kept]) / size[:, None]
+        return q @ u[:, kept], (turned[kept].T / values[kept]) / size[:, None]
 
     @property
     def start_basis(self) -> Array:
@@ -204,13 +203,18 @@ class Together:
         """Minus the derivatives of ``w`` by plant and noise, beside those of the start."""
         tables = []
         for one, start, e in zip(self.ahead, self.start, self.errors, strict=True):
-            known = np.nan_to_num(e)
-            past = [np.append(np.zeros(k), known[:-k]) for k in range(1, self.noise.size + 1)]
-            by_noise = -np.column_stack(past) if past else np.zeros((known.size, 0))
             own = one.white(one.slopes(start), self.noise)
-            tables.append(np.hstack([own, by_noise * one.seen[:, None]]))
+            tables.append(np.hstack([own, -innovations_by(self.noise, np.nan_to_num(e), one.seen)]))
         basis, table = self._basis[0], np.vstack(tables)
         return np.asarray(table - basis @ (basis.T @ table))
+
+    @cached_property
+    def triangle(self) -> tuple[Array, Array]:
+        """(k, k) that of the columns, and (k,) what of the innovations is along them."""
+        both = np.column_stack([self.columns, self.innovations])
+        whole: Array = np.asarray(np.linalg.qr(both, mode="r"))
+        k = self.columns.shape[1]
+        return whole[:k, :k], whole[:k, k]
 
     @property
     def n_free(self) -> int:
@@ -232,10 +236,11 @@ class Together:
         n = self.n_free
         if not np.isfinite(self.columns).all():
             return False
-        sizes = np.linalg.norm(self.columns[:, :n], axis=0)
+        own = self.triangle[0][:n, :n]
+        sizes = np.linalg.norm(own, axis=0)
         if not np.all((sizes > 0.0) & np.isfinite(sizes)):
             return False
-        values = np.linalg.svd(self.columns[:, :n] / sizes, compute_uv=False)
+        values = np.linalg.svd(own / sizes, compute_uv=False)
         return bool(values[-1] > np.sqrt(CUTOFF) * values[0])
 
     @property
@@ -254,18 +259,17 @@ class Together:
     @cached_property
     def cov(self) -> Array:
         """(n_free + p, n_free + p) covariance of plant and noise."""
-        scale = np.linalg.norm(self.columns, axis=0) + 1e-300
-        q = self.columns / scale
-        inverse = np.linalg.pinv(q.T @ q, rcond=CUTOFF, hermitian=True)
+        r = self.triangle[0]
+        scale = np.linalg.norm(r, axis=0) + 1e-300
+        r = r / scale
+        inverse = np.linalg.pinv(r.T @ r, rcond=CUTOFF, hermitian=True)
         variance = self.size / max(self.count - self.unknowns, 1)
         return np.asarray(variance * inverse / np.outer(scale, scale))
 
     @property
     def step(self) -> tuple[Array, float]:
         """That of Gauss and Newton, and by how much it moves the plant [standard errors]."""
-        change: Array = np.asarray(
-            np.linalg.lstsq(self.columns, self.innovations, rcond=1e-12)[0], dtype=np.float64
-        )
+        change: Array = np.asarray(np.linalg.lstsq(*self.triangle, rcond=1e-12)[0])
         errors = np.sqrt(np.diag(self.of_plant(self.cov))) + FLOOR * self.plant.scale
         return change, float(np.max(np.abs(self.at_plant(change)) / errors))
 
@@ -319,7 +323,10 @@ def descended(here: Together) -> End:
         if end.still or not np.isfinite(end.place.size):
             break
         try:
-            around = _steps(end.place.holding())
+            held = end.place.holding()
+            around = _steps(held)
+            if around.place is held and not around.still and end.steps < MOST_STEPS:
+                break  # no step leads on, held or not, and would not the next time
             again = _steps(around.place.following())
         except np.linalg.LinAlgError:
             break
@@ -329,22 +336,57 @@ def descended(here: Together) -> End:
 
 def _steps(here: Together) -> End:
     moved, change = np.inf, np.zeros(here.n_free)
+    past: list[tuple[Array, Array]] = []
     for steps in range(1, MOST_STEPS + 1):
         if not here.counts:
             return End(here, np.zeros(here.plant.theta.size), np.inf, steps)
         change, moved = here.step
-        share, other = 1.0, None
-        for _ in range(HALVINGS):
-            other = here.moved(share * change)
-            if other is not None and other.size <= here.size:
-                break
-            share, other = 0.5 * share, None
+        taken, other = change, None
+        if past:
+            taken, other = _lower(here, _mixed(here.triangle[0], change, past), 1)
+        if other is None:
+            taken, other = _lower(here, change, HALVINGS)
         if other is None:
             break
+        past = [*past[1 - REMEMBERED :], (taken, change)]
         here = other
         if moved <= STILL:
             break
     return End(here, here.at_plant(change), moved, steps)
+
+
+def _lower(here: Together, change: Array, times: int) -> tuple[Array, Together | None]:
+    """What is taken of a step, halved so often, and where it does not raise the errors."""
+    for _ in range(times):
+        other = here.moved(change)
+        if other is not None and other.size <= here.size:
+            return change, other
+        change = 0.5 * change
+    return change, None
+
+
+def _mixed(triangle: Array, change: Array, past: Sequence[tuple[Array, Array]]) -> Array:
+    """The step of Gauss and Newton, with what the ones before tell of the curvature it lacks.
+
+    Where the errors at the minimum are large beside what the model explains, these steps creep, by
+    a constant factor each. What they would have to be changes from place to place as they did
+    before (Anderson 1965; Walker & Ni 2011): the share of these changes is taken out that leaves
+    the least of the step, as the errors see it.
+
+    Parameters
+    ----------
+    triangle : (n_unknowns, n_unknowns) array
+        By which the errors see a step.
+    change : (n_unknowns,) array
+        The step here.
+    past : sequence of pairs of (n_unknowns,) arrays
+        What was taken at the places before, the last one last, and the steps there.
+    """
+    steps = np.column_stack([*(own for _, own in past), change])
+    turns = np.diff(steps, axis=1)
+    ways = np.column_stack([taken for taken, _ in past]) + turns
+    share = np.linalg.lstsq(triangle @ turns, triangle @ change, rcond=1e-8)[0]
+    return np.asarray(change - ways @ share)
 
 
 def is_too_fast(plant: Plant, loops: Sequence[Loop]) -> bool:

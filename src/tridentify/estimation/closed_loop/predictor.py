@@ -379,6 +379,17 @@ class Predictor:
             found[:, k] = states[0]
         return found
 
+    def levels(self, count: int) -> Array:
+        """(count, n_inputs) minus the derivatives of ``e`` by levels of the inputs."""
+        alone, n = self._alone, self.plant.a.size
+        direct = alone._observer[2][0]
+        fed = alone._sampled[1][0] - np.outer(alone.gains[0], direct)
+        found, states = np.empty((count, direct.size)), np.empty((n, count))
+        for j, own in enumerate(fed.T):
+            drive(alone.closed[0], n - 1, np.outer(own, np.ones(count)), np.zeros(n), states)
+            found[:, j] = direct[j] + states[0]
+        return found
+
     @property
     def start_numerators(self) -> Array:
         """(n,) numerators of the free response over those states."""

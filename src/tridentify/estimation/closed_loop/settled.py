@@ -26,7 +26,7 @@ import numpy as np
 from tridentify.estimation.closed_loop.between_samples import Loop
 from tridentify.estimation.closed_loop.fall import farther
 from tridentify.estimation.closed_loop.joint import End, Together, descended, is_too_fast
-from tridentify.estimation.closed_loop.predictor import Plant
+from tridentify.estimation.closed_loop.predictor import STEP, Plant
 from tridentify.estimation.closed_loop.unstable import Found
 from tridentify.estimation.likelihood.thresholds import NEAR
 from tridentify.numerics.arrays import Array
@@ -74,9 +74,28 @@ class Settled:
 
 def together(loops: Sequence[Loop], plants: Sequence[Plant]) -> Settled | None:
     """Plant and noise, from several plants; None where no start leads anywhere."""
+    ends, likeliest = _all_ends(loops, plants)
+    if not ends:
+        return None
+    best = _likeliest(ends)
+    place = best.place
+    grown = place.of_plant(farther(place, place.cov, place.n_free))
+    found, spread = _found(best), _spread(best, ends) + grown
+    away, rival = _farthest(best, likeliest, np.sqrt(np.diag(found.cov + spread)))
+    return Settled(found, spread + np.outer(away, away), place.criterion, rival)
+
+
+def nearest(loops: Sequence[Loop], plant: Plant) -> Together | None:
+    """Where a plant leads to, without what else is nearly as likely; None for nowhere."""
+    ends, _ = _all_ends(loops, [plant])
+    return _likeliest(ends).place if ends else None
+
+
+def _all_ends(loops: Sequence[Loop], plants: Sequence[Plant]) -> tuple[list[End], list[End]]:
+    """Those of all orders, and the likeliest that each plant leads to."""
     ends: list[End] = []
     likeliest: list[End] = []
-    for plant in (one for one in plants if not is_too_fast(one, loops)):
+    for plant in _different([one for one in plants if not is_too_fast(one, loops)]):
         known = len(ends)
         try:
             with np.errstate(all="ignore"):  # plants that run off are no ends
@@ -86,14 +105,17 @@ def together(loops: Sequence[Loop], plants: Sequence[Plant]) -> Settled | None:
         except np.linalg.LinAlgError:  # a plant without a response, or beyond all bounds
             continue
         likeliest += [_likeliest(ends[known:])] if len(ends) > known else []
-    if not ends:
-        return None
-    best = _likeliest(ends)
-    place = best.place
-    grown = place.of_plant(farther(place, place.cov, place.n_free))
-    found, spread = _found(best), _spread(best, ends) + grown
-    away, rival = _farthest(best, likeliest, np.sqrt(np.diag(found.cov + spread)))
-    return Settled(found, spread + np.outer(away, away), place.criterion, rival)
+    return ends, likeliest
+
+
+def _different(plants: Sequence[Plant]) -> list[Plant]:
+    """Those that are farther from each other than derivatives by difference look."""
+    found: list[Plant] = []
+    for plant in plants:
+        apart = ((np.abs(plant.theta - one.theta), STEP * one.scale) for one in found)
+        if not any(np.all(far <= step) for far, step in apart):
+            found.append(plant)
+    return found
 
 
 def _over_orders(begun: Together, ends: list[End]) -> None:
@@ -110,9 +132,11 @@ def _over_orders(begun: Together, ends: list[End]) -> None:
     fewest = min(int(one.seen.sum()) for one in begun.ahead)
     orders = [p for p in ORDERS if p <= most_coefficients(fewest)]
     first = fit_autoregression(begun.errors, orders[-1])
-    begun = descended(begun.coloured(first)).place
+    middle = descended(begun.coloured(first))
     k = min(int(np.searchsorted(orders, first.size)), len(orders) - 1)
-    middle, known = descended(_of_order(begun, orders[k])), tuple(ends)
+    if not (middle.still and first.size == orders[k]):
+        middle = descended(_of_order(middle.place, orders[k]))
+    known = tuple(ends)
     if not _added(middle, known, ends):
         return
     for others in (orders[k + 1 :], orders[:k][::-1]):

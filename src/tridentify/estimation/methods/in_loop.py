@@ -40,10 +40,11 @@ from tridentify.estimation.answer.trace import Status
 from tridentify.estimation.closed_loop.as_recorded import Foretold
 from tridentify.estimation.closed_loop.between_samples import Loop, with_input
 from tridentify.estimation.closed_loop.input_rule import InputRule, input_rule
+from tridentify.estimation.closed_loop.joint import Together
 from tridentify.estimation.closed_loop.linear_errors import slowest
 from tridentify.estimation.closed_loop.long_past import plants_of_forecast
 from tridentify.estimation.closed_loop.predictor import Plant
-from tridentify.estimation.closed_loop.settled import MANY, Settled, together
+from tridentify.estimation.closed_loop.settled import MANY, Settled, nearest, together
 from tridentify.estimation.closed_loop.sought import Sought
 from tridentify.estimation.closed_loop.unstable_answer import estimate_of, open_loops
 from tridentify.estimation.closed_loop.unstable_starts import starting_plants
@@ -228,7 +229,7 @@ def _between(
         moves = f"; if it moves there, {MOVES} {most:.0f} standard errors"
         told = DecisionKind.RESTS_ON_HELD.told(moves)
         return np.zeros((n, n)), (told,) if most >= MANY else ()
-    away = [np.zeros(n), *(one.found.plant.theta - plant.theta for one in ends)]
+    away = [np.zeros(n), *(one.plant.theta - plant.theta for one in ends)]
     spread = sum((np.outer(one, one) for one in away), np.zeros((n, n))) / len(away)
     if most < MANY and len(ends) == len(others):
         return spread, ()
@@ -242,19 +243,19 @@ def _with(record: Record, between: Behaviour) -> Record:
     return with_input(record, np.asarray(record.u), between)
 
 
-def _settled(plant: Plant, loops: Sequence[Loop]) -> Settled | None:
+def _settled(plant: Plant, loops: Sequence[Loop]) -> Together | None:
     try:
-        return together(loops, [plant])
+        return nearest(loops, plant)
     except (TridentifyError, np.linalg.LinAlgError, ValueError):
         return None
 
 
-def _is_likelier(other: Settled | None, best: Settled) -> bool:
+def _is_likelier(other: Together | None, best: Settled) -> bool:
     """Whether the record itself speaks for another input; what is foretold knows the past alone."""
     return other is not None and other.criterion < best.criterion - CLEARLY
 
 
-def _apart(other: Settled, best: Settled) -> float:
+def _apart(other: Together, best: Settled) -> float:
     """Largest distance of two plants [standard errors]."""
-    away = other.found.plant.theta - best.found.plant.theta
+    away = other.plant.theta - best.found.plant.theta
     return float(np.max(np.abs(away) / np.maximum(best.errors, 1e-300)))
