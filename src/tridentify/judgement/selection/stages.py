@@ -387,10 +387,12 @@ class Work:
         ids = [id(task.structure) for task in tasks]
         found = {k: known[own] for k, own in enumerate(ids) if own in known}
         poles = {k: one.structure.common_poles for k, one in enumerate(tasks) if one.shared}
-        for most in sorted(set(poles.values())):
-            wanted = [k for k, n in poles.items() if n == most and k not in found]
+        orders = sorted(set(poles.values()))
+        for most in orders[-1:] if self.all_searched else orders:
+            wanted = [k for k, n in poles.items() if n <= most and k not in found]
             alone = [self._alone(tasks[k]) for k in wanted]
-            said = f"the whole search for each of {most} poles"
+            said = "the whole search for each"
+            said += "" if self.all_searched else f" of {most} poles"
             done = self.counted(run_task, alone, said) if wanted else []
             found |= dict(zip(wanted, done, strict=True))
             searched = {k: found[k] for k, n in poles.items() if n <= most}
