@@ -14,10 +14,10 @@ from tridentify.numerics.autoregression import (
     burg,
     deviance,
     fit_autoregression,
-    innovations_by,
     most_coefficients,
     whiten,
 )
+from tridentify.numerics.innovation_slopes import innovations_by
 from tridentify.numerics.levinson import autocovariance, polynomial, reflections
 from tridentify.numerics.whiteness import input_share, is_white
 

@@ -199,13 +199,16 @@ def test_coarse_numbers_that_repeat_are_not_held():
 @pytest.mark.parametrize("seed", [7, *(pytest.param(k, marks=pytest.mark.slow) for k in (8, 9))])
 def test_missing_samples_leave_the_rule_where_enough_are_seen_with_their_past(seed):
     lost = np.random.default_rng(seed).random(N)
-    rules = {}
+    rules, alone = {}, {}
     for share in (0.05, 0.5):
         for whole in (sampled(seed), continuous(seed)):
             y = np.where(lost[:, None] < share, np.nan, whole.y)
-            rule = input_rule([recorded(whole.u, y, whole.reference)], 2)
-            rules.setdefault(share, []).append(rule)
+            record = recorded(whole.u, y, whole.reference)
+            rules.setdefault(share, []).append(input_rule([record], 2))
+            alone.setdefault(share, []).append(input_rule([without_reference(record)], 2))
     assert rules[0.05] == [InputRule.SAMPLED, InputRule.NONE]
+    assert alone[0.05][1] is InputRule.NONE
+    assert InputRule.SAMPLED not in alone[0.5]
     assert rules[0.5] == [InputRule.UNKNOWN, InputRule.UNKNOWN]
 
 

@@ -54,6 +54,25 @@ def test_one_triangle_of_long_records_gives_what_dense_regressions_give():
     assert law.outside == pytest.approx(left / (alone - left) * freedom, rel=1e-9)
 
 
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.fast("0")
+def test_the_inverse_of_what_answers_at_once_is_no_law_of_a_controller(seed):
+    rng = np.random.default_rng(seed)
+    force = rng.standard_normal(800)
+    shaker = TransferFunction([1.0, 0.0, 0.0], [1.0, 1.2, 400.0])
+    quiet = simulate(shaker, Record(force, force, dt=0.02))[:, 0]
+    noisy = quiet + 0.05 * rng.standard_normal(800)
+    assert laws([Record(force, noisy, dt=0.02)])[0].lags is None
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.fast("0")
+def test_a_rounded_controller_without_memory_has_its_law(seed):
+    y = np.random.default_rng(seed).standard_normal(800)
+    step = 8.0 / 256.0
+    assert laws([Record(step * np.round(-2.0 * y / step), y, dt=0.1)])[0].lags == 0
+
+
 def test_a_gap_longer_than_a_block_is_passed_over():
     rng = np.random.default_rng(3)
     y = rng.standard_normal(12000)

@@ -189,6 +189,7 @@ def _rule(record: Record, j: int, few: int) -> InputRule:
     free = _free(u[:, j], np.isfinite(np.hstack([y, reference])).all(axis=1))
     if not known:
         u, y, outer, own = _moves(u), _moves(y), np.sqrt(2.0) * outer, np.sqrt(2.0) * own
+        free = free[np.isin(free - 1, free)]  # the move farthest back needs the sample before it
     signals = np.hstack([y, reference])
     width = 1 + signals.shape[1] * (1 + LAGS) + u.shape[1] * LAGS
     size = float(np.std(u[:, j]))

@@ -46,8 +46,9 @@ from tridentify.estimation.closed_loop.predictor import (
 from tridentify.estimation.closed_loop.unstable import FLOOR, STILL
 from tridentify.estimation.likelihood.setup.problem import FASTEST
 from tridentify.numerics.arrays import Array, Complex
-from tridentify.numerics.autoregression import Whitener, innovations_by
+from tridentify.numerics.autoregression import Whitener
 from tridentify.numerics.information import aicc_price
+from tridentify.numerics.innovation_slopes import innovations_by
 
 MOST_STEPS = 40
 HOLDS = 2

@@ -292,7 +292,8 @@ def _law(records: Sequence[Record], j: int, most: int) -> Law:
     if not gaps and rows > 2 * FEW and _by_itself(records, j, most, rows):
         return none
     longest = None if gaps else _regression(records, j, most, most)
-    alone, _ = (longest or _regression(records, j, most, most, outputs=False)).left(most, -1)
+    own = longest or _regression(records, j, most, most, outputs=False)
+    alone, _ = own.left(most, -1)
     if not alone > (ROUNDING * spread) ** 2 * rows:
         return none
     if longest is not None:
@@ -300,8 +301,8 @@ def _law(records: Sequence[Record], j: int, most: int) -> Law:
         left, freedom = longest.left(most, most)
         if freedom >= 1 and left * freedom >= LITTLE * max(alone - left, 0.0):
             return none._replace(share=min(left / alone, 1.0))
-    lowest, whole = 1.0, (longest or _regression(records, j, most, most, outputs=False)).left(0, -1)
-    remembers = _remembers(whole[0], alone, most, whole[1] - most)
+    lowest, (whole, freedom) = 1.0, own.left(0, -1)
+    remembers = _remembers(whole, alone, most, freedom - most)
     for lags in range(most + 1):
         left, freedom = (longest or _regression(records, j, lags, most)).left(lags, lags)
         if freedom < 1:
