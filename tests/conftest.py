@@ -29,7 +29,7 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 # The same examples on every run and no deadline: a first call may compile a kernel.
 # HYPOTHESIS_PROFILE=explore looks for new examples; `make test` takes fewer (quick).
 hypothesis.settings.register_profile("fixed", deadline=None, derandomize=True)
-hypothesis.settings.register_profile("quick", deadline=None, derandomize=True, max_examples=20)
+hypothesis.settings.register_profile("quick", deadline=None, derandomize=True, max_examples=8)
 hypothesis.settings.register_profile("explore", deadline=None, max_examples=1000)
 hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "fixed"))
 

@@ -260,6 +260,7 @@ def test_whatever_is_refused_has_one_shape(ask):
     assert told(ask.put("/api/session"), 405)
 
 
+@pytest.mark.slow
 def test_the_ranges_of_a_record_have_a_limit(ask, made):
     many = [{"start": k, "end": k + 1} for k in range(1001)]
     for place in ("ranges", "bad"):
@@ -575,6 +576,7 @@ def test_without_an_input_nothing_is_estimated(ask):
     assert "no input" in told(ask.post("/api/models", json=body), 400)
 
 
+@pytest.mark.slow
 def test_an_estimate_is_cancelled_and_the_next_one_is_made(ask, made):
     body = {"record": made[0], "options": {"poles": "auto"}}
     job = ask.post("/api/models", json=body).json()
@@ -667,6 +669,7 @@ def test_a_session_comes_back_after_its_process_was_killed(folder, tmp_path):
         bench.stop()
 
 
+@pytest.mark.slow
 def test_a_file_that_is_gone_is_told_and_its_models_stay(tmp_path):
     (tmp_path / "log.csv").write_text(flight())
     bench = Bench(Session(tmp_path / "s.sqlite"), tmp_path)
@@ -813,6 +816,7 @@ def test_what_was_told_is_put_away_and_not_told_again_after_an_undo(ask, own):
     assert answer.status_code == 422
 
 
+@pytest.mark.slow
 def test_a_session_of_before_files_were_looked_at_again_goes_on(ask, own, bench):
     path, record = own
     model = estimated(ask, record, poles="2")

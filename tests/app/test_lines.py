@@ -114,6 +114,7 @@ def test_bad_samples_and_several_ranges_are_the_same_in_both(card, capsys):
     np.testing.assert_allclose(values, found["estimate"].theta, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_physical_map_has_lines_of_its_own(card, capsys):
     options = {"zeros": "0", "physical": "mass-spring-damper", "known": "m=0.125"}
     found = in_python(card, options, capsys)
@@ -145,11 +146,13 @@ def test_a_record_is_checked_and_searched_by_commands_that_run(card, capsys):
     assert told["manoeuvres"]
 
 
+@pytest.mark.slow
 def test_a_record_is_checked_and_searched_by_lines_that_run(card, capsys):
     exec(lines.look_in_python({**card, "ranges": [RANGE]}), {})
     assert "position" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 @pytest.mark.undrawn
 def test_what_validates_is_tested_by_lines_that_run(card, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -165,6 +168,7 @@ def test_what_validates_is_tested_by_lines_that_run(card, tmp_path, capsys, monk
     assert json.loads(capsys.readouterr().out)["fit"]
 
 
+@pytest.mark.slow
 @pytest.mark.undrawn
 def test_a_model_is_exported_by_lines_that_run(card, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -67,6 +67,7 @@ def test_rao_garnier_bound_is_the_printed_one(snr):
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 @pytest.mark.parametrize("snr", PRINTED)
+@pytest.mark.fast("0-0", "0-1")
 def test_rao_garnier(snr, seed):
     record, sigma = with_noise(RAO_GARNIER, 4, LONG, 0.01, snr, seed)
     estimate = identify(record, Structure(4, 1))
@@ -81,6 +82,7 @@ def test_rao_garnier(snr, seed):
 
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("snr", PRINTED)
+@pytest.mark.fast("10-0", "10-1", "10-2", "10-3")
 def test_rao_garnier_first_thousand_samples(snr, seed):
     u = LONG[:1000]
     record, sigma = with_noise(RAO_GARNIER, 4, u, 0.01, snr, seed)
@@ -109,6 +111,7 @@ def test_second_order_benchmark(seed):
     assert np.allclose(estimate.std, expected, rtol=0.25)
 
 
+@pytest.mark.slow
 def test_second_order_benchmark_with_coloured_noise_stays_near():
     """Noise with an ARMA spectrum: still consistent, no longer efficient."""
     truth = np.array([4.0, 3.0, 2.0])

@@ -30,6 +30,7 @@ def test_findings_come_with_what_to_do(run, flight):
     assert "tridentify select compares orders" in " ".join(text.split())
 
 
+@pytest.mark.slow
 def test_json_and_files(run, flight, tmp_path):
     options = ("--input", "elevator", "--output", "q", "--json", "--out", tmp_path / "a")
     outcome = run("advise", flight, *options)
@@ -42,6 +43,7 @@ def test_json_and_files(run, flight, tmp_path):
     assert len(document["files"]) == 2
 
 
+@pytest.mark.slow
 def test_what_is_missing_is_left_out(run, flight):
     columns = ("--input", "elevator", "--output", "q")
     outcome = run("advise", flight, *columns, "--missing", "q>=0.1", "--json")

@@ -46,6 +46,7 @@ def test_another_process_draws_the_same_pictures(case, part):
     assert [p.svg for p in pictures] == [p.svg for p in here]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_two_processors")
 @pytest.mark.undrawn
 def test_a_process_that_dies_leaves_the_drawing_to_this_one(case):

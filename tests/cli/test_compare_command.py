@@ -36,6 +36,7 @@ def place(tmp_path_factory, table_at, held):
     return folder
 
 
+@pytest.mark.slow
 def test_models_are_simulated_on_files_as_compare_does(run, place):
     outcome = run("compare", place / "right", place / "low.json", place / "one.csv",
                   place / "two.csv", "--json")  # fmt: skip

@@ -132,6 +132,7 @@ def test_the_precision_of_a_plan_is_told(run, model):
     assert document["precision"]["names"] == ["a1", "a0", "b1", "b0"]
 
 
+@pytest.mark.slow
 def test_a_plan_for_a_model_has_the_names_and_units_of_its_inputs(run, noisy, tmp_path):
     names = {"inputs": ["elevator"], "outputs": ["q"], "units": {"elevator": "deg", "q": "deg/s"}}
     estimate = identify(read_record(noisy, **names), Structure(2, 1), OutputError())
@@ -154,6 +155,7 @@ def plant(noisy, tmp_path):
 DOUBLET = ["doublet", "--dt", 0.05, "--width", 0.5]
 
 
+@pytest.mark.slow
 def test_the_amplitude_is_in_the_unit_of_the_input(run, plant, model, tmp_path):
     asked = [*DOUBLET, "--model", plant, "--json"]
     plain = run("excite", *asked)
@@ -217,6 +219,7 @@ def test_no_two_columns_of_the_plan_are_alike(run, plant):
     assert "relative" in told
 
 
+@pytest.mark.slow
 def test_the_optimal_input_for_a_saved_model(run, model):
     options = ["--model", model, "--noise", 0.01, "--coefficient", "a0", "--json"]
     several = json.loads(run("excite", "optimal", "--dt", 0.05, *options).out)

@@ -64,6 +64,7 @@ def test_units_of_one_file_by_a_column_on_two_processes(run, tmp_path):
     assert json.loads(outcome.out)["status"] == {"converged": 3}
 
 
+@pytest.mark.slow
 @pytest.mark.undrawn
 def test_a_population_that_cannot_be_told_does_not_hide_the_common_model(run, tmp_path):
     rng = np.random.default_rng(4)

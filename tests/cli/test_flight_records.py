@@ -43,9 +43,9 @@ def test_attas_pitch_rate(run, shared_data, file):
     assert any("initial state" in note for note in document["decisions"])
 
 
+@pytest.mark.slow
 @pytest.mark.unjudged
 @pytest.mark.parametrize("file", PITCH_RATE)
-@pytest.mark.fast("data_2.csv")
 def test_attas_angle_of_attack_has_the_same_poles(run, shared_data, file):
     path = shared_data / ATTAS / file
     options = ["--input", "u_elevator", "--output", "y_alpha", "--intersample", "foh"]

@@ -21,6 +21,7 @@ def options() -> Iterator[tuple[str, str]]:
 
 
 @pytest.mark.parametrize("name", sorted({name for name, _ in options()}))
+@pytest.mark.fast("export", "study", "channels", "demo")
 def test_help_shows_every_word(run, monkeypatch, name):
     for key, value in WIDE.items():
         monkeypatch.setenv(key, value)

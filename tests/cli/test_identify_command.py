@@ -185,6 +185,7 @@ def test_uneven_time_is_taken_as_it_is_recorded(run, write_table, clean, questio
     assert "steps 0.0" in run("identify", path, *question).out
 
 
+@pytest.mark.slow
 @pytest.mark.unjudged
 def test_the_mean_step_may_still_be_stated_for_inexact_time_stamps(
     run, write_table, clean, question
@@ -364,6 +365,7 @@ def test_out_writes_everything_and_keeps_what_is_there(run, tmp_path, noisy, que
     assert sorted(path.name for path in tmp_path.iterdir()) == ["deep", "noisy.csv"]
 
 
+@pytest.mark.slow
 @pytest.mark.undrawn
 def test_the_terminal_says_what_the_report_says(run, tmp_path):
     rng = np.random.default_rng(11)
@@ -441,6 +443,7 @@ def test_progress_vanishes_from_a_terminal(noisy, question, monkeypatch, capsys)
 
 
 @pytest.mark.parametrize("width", ["20", "80", "200"])
+@pytest.mark.fast("20")
 def test_no_number_is_cut_on_a_narrow_terminal(run, noisy, question, monkeypatch, width):
     monkeypatch.setenv("COLUMNS", "100")
     wide = run("identify", noisy, *question).out
@@ -466,6 +469,7 @@ def python(*arguments: object, **environment: str) -> subprocess.CompletedProces
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "options"),
     [
@@ -474,7 +478,6 @@ def python(*arguments: object, **environment: str) -> subprocess.CompletedProces
     ],
     ids=["channels", "identify"],
 )
-@pytest.mark.fast("channels")
 def test_the_module_runs_in_its_own_process_without_utf8(write_table, clean, command, options):
     path = write_table("greek.csv", clean | {"α": clean["q"]})
     plain = {"PYTHONIOENCODING": "ascii", "NO_COLOR": "1"}
@@ -530,6 +533,7 @@ def test_an_interrupt_leaves_nothing_behind(run, tmp_path, noisy, question, monk
     assert [path.name for path in tmp_path.iterdir()] == ["noisy.csv"]
 
 
+@pytest.mark.slow
 @pytest.mark.undrawn
 @pytest.mark.unjudged
 def test_a_failure_while_writing_leaves_nothing_behind(run, tmp_path, noisy, question, monkeypatch):
@@ -592,6 +596,7 @@ def test_counting_reports_every_tenth_in_plain_text(capsys):
 
 
 # ------------------------------------------------------------------------------- robust losses
+@pytest.mark.slow
 def test_outliers_may_be_met_with_a_robust_loss(run, write_table, clean, question):
     rng = np.random.default_rng(2)
     noise = 1e-3 * rng.standard_normal(clean["q"].size)

@@ -35,6 +35,7 @@ def test_a_long_file_is_read_in_parts(run, long_file: Path) -> None:
     assert abs(values["a0"]["value"] - 9.0) < 4 * values["a0"]["std"]
 
 
+@pytest.mark.slow
 def test_what_needs_memory_is_read_whole_and_said(run, long_file: Path) -> None:
     out = run(
         "identify", long_file, "--input", "x[0]", "--output", "x[1]", "--dt", 0.01, "--poles", 2,

@@ -67,6 +67,7 @@ def test_derivatives_of_an_aircraft_within_their_standard_errors(run, flight):
     assert document["coefficients"]["status"]["ok"]
 
 
+@pytest.mark.slow
 def test_columns_are_taken_in_order_where_no_name_tells(run, write_table):
     raw = columns(mass_spring_damper(), OSCILLATOR, 0.05)
     path = write_table("run.csv", {"t": raw["t"], "F": raw["force"], "x": raw["position"]})
@@ -107,6 +108,7 @@ def test_the_tables_show_parameters_with_units_and_the_test(run, write_table):
     assert "nan" not in outcome.out
 
 
+@pytest.mark.slow
 def test_what_cannot_be_told_apart_is_said_and_is_no_failure(run, write_table):
     path = write_table("rc.csv", columns(rc_circuit(), {"R": 1e4, "C": 1e-7}, 1e-4))
     asked = ["--model", "rc-circuit", "--input", "u", "--output", "y"]
@@ -123,6 +125,7 @@ def test_what_cannot_be_told_apart_is_said_and_is_no_failure(run, write_table):
     assert settled["parameters"][0]["known"]
 
 
+@pytest.mark.slow
 def test_what_is_known_is_carried_over(run, write_table):
     path = write_table("ladder.csv", columns(rcrc_circuit(), LADDER, 2e-4))
     asked = ["--model", "rcrc-circuit", "--input", "u", "--output", "y"]
@@ -133,6 +136,7 @@ def test_what_is_known_is_carried_over(run, write_table):
     assert "known" in next(line for line in text.splitlines() if line.startswith("R1"))
 
 
+@pytest.mark.slow
 def test_several_files_are_several_experiments(run, write_table):
     model = mass_spring_damper()
     paths = [
@@ -146,6 +150,7 @@ def test_several_files_are_several_experiments(run, write_table):
     assert both["parameters"][0]["std"] < alone["parameters"][0]["std"]
 
 
+@pytest.mark.slow
 @pytest.mark.undrawn
 def test_the_folder_holds_parameters_coefficients_and_report(run, flight, tmp_path):
     options = ["--model", "short-period", "--input", "elevator"]
@@ -216,6 +221,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 def test_a_channel_may_be_named_with_its_column(run, write_table):
     raw = columns(short_period(), AIRCRAFT, 0.02, n=300)
     path = write_table("raw.csv", {"t": raw["t"], "u=1": raw["elevator"], "y_q": raw["q"],
@@ -232,6 +238,7 @@ def test_a_channel_may_be_named_with_its_column(run, write_table):
     assert "another column for q" in twice.error_lines[0]
 
 
+@pytest.mark.slow
 def test_first_order_with_dead_time_of_any_units(run, write_table):
     model, truth = first_order_dead_time(), {"K": 3.0, "T": 0.6, "D": 0.13}
     path = write_table("heater.csv", columns(model, truth, 0.03))
@@ -260,8 +267,8 @@ def test_units_that_do_not_go_together_are_refused(run, flight, units, says):
     assert says in outcome.error_lines[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("units", [["alpha=deg", "q=deg/s"], ["alpha=rad", "q=1/s"], ["q=rad/s"]])
-@pytest.mark.fast("units0")
 def test_units_that_go_together_are_taken(run, flight, units):
     words = [word for unit in units for word in ("--unit", unit)]
     options = ["--model", "short-period", "--input", "elevator", "--output", "alpha"]
@@ -285,6 +292,7 @@ def test_no_file_is_one_line(run):
     assert "found no file" in outcome.error_lines[0]
 
 
+@pytest.mark.slow
 def test_an_answer_without_content_ends_with_code_1(run, flight, monkeypatch):
     from tridentify.cli import physical_command
 

@@ -56,9 +56,9 @@ def swaps(folder: Path) -> bool:
 
 
 # -------------------------------------------------------------------------------------- kill -9
+@pytest.mark.slow
 @posix
 @pytest.mark.parametrize("way", ["new", "swap", "folder", "standing", "unlike"])
-@pytest.mark.fast("swap")
 def test_a_kill_at_any_moment_leaves_the_old_set_or_the_new_one(way, tmp_path):
     done = subprocess.run(
         [sys.executable, HELPER, way], capture_output=True, text=True, timeout=250, check=False

@@ -163,6 +163,7 @@ def test_each_channel_may_have_its_denominator(run, write_table, clean):
 
 
 # ---------------------------------------------------------------------------- samples and units
+@pytest.mark.slow
 @pytest.mark.unjudged
 def test_what_a_rule_calls_missing_does_not_count(run, write_table, clean, question):
     q = np.minimum(clean["q"], 0.02)
@@ -187,6 +188,7 @@ def test_units_may_be_stated(run, noisy, question):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.unjudged
 def test_a_band_limited_input(run, write_table, clean, question):
     t = clean["t"]
@@ -251,6 +253,7 @@ def test_noise_loss_and_outliers_are_in_the_document(run, write_table, clean, qu
     assert (plain["loss"], plain["outliers"]["count"]) == ("squared", 0)
 
 
+@pytest.mark.slow
 def test_a_noise_model_is_in_the_document(run, write_table, clean, question):
     from scipy import signal
 
@@ -260,6 +263,7 @@ def test_a_noise_model_is_in_the_document(run, write_table, clean, question):
     assert model[0] == pytest.approx(-0.9, abs=0.1)
 
 
+@pytest.mark.slow
 def test_what_is_fixed_says_so(run, noisy, question):
     outcome = run("identify", noisy, *question, "--fix", "a0=9", "--bound", "b1=0:1.5")
     rows = {line.split("  ")[0]: line.split() for line in outcome.out.splitlines() if line}

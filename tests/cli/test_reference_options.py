@@ -29,6 +29,7 @@ def looped(write_table, held) -> Path:
     return write_table("loop.csv", columns)
 
 
+@pytest.mark.slow
 @pytest.mark.unjudged
 def test_identify_tells_of_the_reference(run, looped: Path) -> None:
     outcome = run("identify", looped, *DRIVEN, "--poles", "1", "--zeros", "0")
@@ -44,6 +45,7 @@ def test_identify_tells_of_the_reference(run, looped: Path) -> None:
     assert without["record"]["reference_intersample"] is None
 
 
+@pytest.mark.slow
 def test_stated_behaviour_of_the_reference_counts(run, looped: Path) -> None:
     asked = (*DRIVEN, "--reference-intersample", "foh")
     outcome = run("advise", looped, *asked)

@@ -27,6 +27,7 @@ def test_the_table_names_the_recommended_row_and_why_and_progress_is_elsewhere(r
     assert "the whole search for each: 3 of 3 done" in answer.err
 
 
+@pytest.mark.slow
 @pytest.mark.undrawn
 def test_json_and_a_folder_hold_the_same(run, short, tmp_path):
     folder = tmp_path / "result"

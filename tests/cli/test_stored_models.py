@@ -32,8 +32,8 @@ def place(tmp_path_factory, table_at, held):
 EXCITE = ("excite", "3-2-1-1", "--dt", 0.02, "--for-frequency", 3, "--noise", 0.01, "--json")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["result", "result/model.json"])
-@pytest.mark.fast("result")
 def test_the_folder_stands_for_the_model_in_it(run, place, tmp_path, model):
     validated = run("validate", place / model, place / "flight.csv", "--json")
     assert validated.code == 0

@@ -85,6 +85,7 @@ def until(condition, seconds: float = 60.0) -> None:
 
 
 # ------------------------------------------------------------------------------------- the answer
+@pytest.mark.slow
 def test_the_last_line_is_what_the_record_gives_at_once(run, file, columns):
     outcome = run("stream", file, *QUESTION, "--every", 5)
     assert outcome.code == 0
@@ -200,6 +201,7 @@ def test_a_known_step_takes_the_place_of_time(run, write_table, columns):
     assert values(objects(again.out)[-1]) == values(last)
 
 
+@pytest.mark.slow
 def test_missing_samples_jitter_and_bad_lines_are_flagged(run, file):
     lines = lines_of(file)
     lines[300] = lines[300].rpartition(",")[0] + ","
@@ -218,6 +220,7 @@ def test_missing_samples_jitter_and_bad_lines_are_flagged(run, file):
         assert abs(item["value"] - TRUTH[name]) < 5 * item["std"]
 
 
+@pytest.mark.slow
 def test_several_channels_have_their_own_coefficients(run, held, write_table):
     rng = np.random.default_rng(5)
     u = np.repeat(rng.choice([-1.0, 1.0], (2, 120)), 10, axis=1)
@@ -269,6 +272,7 @@ def test_with_a_delay_gaps_are_missing_samples(run, file, tmp_path):
         assert objects(again.out)[-1] == last
 
 
+@pytest.mark.slow
 def test_a_clock_that_is_set_back_is_followed(run, file):
     header, *rows = lines_of(file)
     again = [row.split(",", 1) for row in rows[1000:]]
@@ -809,6 +813,7 @@ def test_in_a_terminal_the_table_moves_and_the_lines_stay_whole(run, file, monke
     assert "\x1b[" in text
 
 
+@pytest.mark.slow
 def test_the_table_shows_what_the_line_says(run, file):
     from rich.console import Console
 
@@ -824,6 +829,7 @@ def test_the_table_shows_what_the_line_says(run, file):
 
 
 @pytest.mark.parametrize("how", ["zoh", "foh"])
+@pytest.mark.fast("foh")
 def test_a_line_does_not_contradict_itself(run, file, how):
     file.write_text("\n".join(lines_of(file)[:202]) + "\n")
     found = objects(run("stream", file, *QUESTION, "--every", 0.5, "--intersample", how).out)

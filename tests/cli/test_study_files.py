@@ -18,6 +18,7 @@ def file(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_file_is_run_and_leaves_its_folder(run, file, tmp_path):
     out = tmp_path / "out"
     outcome = run("study", file, "--draws", 2, "--workers", 1, "--out", out)
@@ -52,6 +53,7 @@ def test_a_run_goes_on_and_says_so(run, file, tmp_path):
     assert "8 of 16 done" in outcome.err
 
 
+@pytest.mark.slow
 def test_other_settings_in_the_folder_are_one_line(run, file, tmp_path):
     out = tmp_path / "out"
     asked = ["study", file, "--draws", 1, "--workers", 1, "--out", out]

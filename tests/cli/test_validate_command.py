@@ -108,6 +108,7 @@ def test_time_that_the_model_was_identified_by_is_found_again_by_its_steps(
     assert "column 'Test Clock (ms)' as time, by its steps of 0.02 s" in outcome.err
 
 
+@pytest.mark.slow
 def test_the_folder_gets_the_figure_and_the_numbers(run, flight, models, tmp_path):
     outcome = run("validate", models / "right.json", flight, "--out", tmp_path / "v", "--json")
     files = sorted(path.name for path in (tmp_path / "v").iterdir())

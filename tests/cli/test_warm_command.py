@@ -32,6 +32,7 @@ def test_every_file_with_machine_code_of_an_identification_is_loaded():
             assert path in loaded
 
 
+@pytest.mark.slow
 def test_every_file_with_machine_code_of_the_on_line_estimators_is_loaded(run, monkeypatch):
     import tridentify.online.kernels as room
 

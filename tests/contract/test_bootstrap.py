@@ -104,6 +104,7 @@ def test_signature_is_the_promised_one():
     assert uncertainty.bootstrap is bootstrap
 
 
+@pytest.mark.slow
 @pytest.mark.judged
 def test_shapes_and_finite_numbers(copies, estimate):
     assert copies.theta.shape == copies.std_draws.shape == (N_DRAWS, 4)
@@ -362,6 +363,7 @@ def test_sampled_bode_band_by_hand(draws, estimate):
         assert abs(np.mean((phase[:, k] >= low) & (phase[:, k] <= high)) - 0.9) < 0.02
 
 
+@pytest.mark.slow
 def test_sampled_step_band_by_hand(draws, estimate):
     t = np.array([0.0, 0.4, 1.5, 6.0])
     band = sampled_step_band(draws, t, 0.9)
@@ -409,6 +411,7 @@ def test_estimate_that_was_kept_is_as_good(record, tmp_path):
     assert np.array_equal(given.theta, again.theta)
 
 
+@pytest.mark.slow
 def test_offset_free_state_and_two_records():
     first, second = short_period(seed=1), short_period(seed=2, n_samples=200)
     moved = Record(second.u, second.y + 9.0, dt=DT)
@@ -428,6 +431,7 @@ def test_choices_left_to_the_data_are_held(record):
     assert copies.estimate.structure == found.structure
 
 
+@pytest.mark.slow
 def test_missing_samples_stay_missing(record):
     """Half of the output is gone: the copies must be as uncertain as the estimate."""
     y = record.y[:, 0].copy()

@@ -185,10 +185,10 @@ def test_the_input_as_reference_leaves_no_kind_of_controller_to_ask_for():
     assert "intersample" not in [f.code for f in estimate.findings]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("intersample", ["zoh", "foh", "band-limited"])
 @pytest.mark.parametrize("controller", ["continuous", "unknown"])
 @pytest.mark.unjudged
-@pytest.mark.fast("continuous-foh")
 def test_a_continuous_controller_and_each_kind_of_reference(controller, intersample):
     record = driven(5, intersample, n=150)
     assert record.reference_behaviour == intersample
@@ -275,6 +275,7 @@ def test_a_known_delay():
     right(tri.identify(record, tri.Structure(2, 1, delay=late * DT)))
 
 
+@pytest.mark.slow
 @pytest.mark.unjudged
 def test_a_fixed_coefficient():
     fixed = tri.identify(record_of(11, n=225), tri.Structure(2, 1, fixed={"a0": 4.0}))
@@ -327,6 +328,7 @@ def test_experiments_with_different_references():
     right(tri.identify(records, ORDERS))
 
 
+@pytest.mark.slow
 @pytest.mark.unjudged
 def test_an_input_that_no_controller_moves():
     """A measured disturbance beside the controlled input: a reference by its own name."""

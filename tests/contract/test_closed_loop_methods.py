@@ -105,8 +105,8 @@ def test_a_record_without_a_reference_is_refused_in_one_line(key: str) -> None:
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("entry", ["input", "set point"])
-@pytest.mark.fast("set point")
 def test_where_the_reference_enters_is_found_and_told(entry: str) -> None:
     record = loop_record(entry, 0.05, n=300)
     part = simulated(record, PLANT, LAW)
@@ -139,6 +139,7 @@ def test_simulated_input_is_the_loops_own(entry: str) -> None:
     assert np.allclose(pieces[:, 0] - pieces[:, 0].mean(), means - means.mean(), atol=2e-3)
 
 
+@pytest.mark.slow
 def test_a_controller_of_the_wrong_sign_is_refused() -> None:
     wrong = TransferFunction([-10.0, -10.0], [1.0, 0.0])
     with pytest.raises(DataError, match="makes no stable loop"):

@@ -203,9 +203,9 @@ def test_bounds_that_are_not_active_change_nothing(key):
     assert any("none active" in line for line in found.trace.decisions)
 
 
+@pytest.mark.slow
 @pytest.mark.judged
 @every_able
-@pytest.mark.fast("output-error")
 def test_an_active_bound_is_held_and_said(key):
     record = record_of([0.2, 0.5], [1.0, 1.0, 3.0], 0.1)
     found = identify(record, Structure(2, 1, bounds={"a1": (2.0, None)}, **REST), METHODS[key]())
@@ -360,6 +360,7 @@ def test_bounds_without_a_stable_model_are_refused(key):
         )
 
 
+@pytest.mark.slow
 @every_able
 def test_poles_stay_stable_where_the_record_pulls_them_out(key):
     """With a2 = a1 = 1 the best a0 is beyond 1, where the poles leave the left half plane."""

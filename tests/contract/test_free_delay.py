@@ -101,6 +101,7 @@ def test_every_input_has_a_delay_of_its_own(key):
     assert estimate.theta == pytest.approx([2.0, 2.0, 1.0, 4.0, 1.0, 3.0, 0.21, 0.6], rel=1e-6)
 
 
+@pytest.mark.slow
 @one_of_them
 def test_outputs_share_the_delay_of_the_input(key):
     den = [1.0, 1.0, 4.0]
@@ -152,8 +153,8 @@ def test_a_delay_of_several_periods_is_no_trap(key, seed):
     assert abs(delay.value - 5.3) < 5 * delay.std < 0.3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", ABLE)
-@pytest.mark.fast("three-model")
 def test_an_output_ahead_of_the_input_gives_no_negative_delay(key):
     record = made(TransferFunction(*SECOND), noise=0.05)
     ahead = Record(np.roll(record.u, 4, axis=0), record.y, dt=DT)

@@ -87,6 +87,7 @@ def test_huber_scale_is_that_of_the_final_residual():
     assert np.sum(x**2) / (r.size - 4) == pytest.approx(expected, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_student_is_the_maximum_of_the_likelihood():
     rng = np.random.default_rng(2)
     u = input_of(800)

@@ -212,6 +212,7 @@ def test_save_load_pickle_and_words_keep_the_noise_model(mode, tmp_path):
     assert "noise" in told.lower()
 
 
+@pytest.mark.slow
 @pytest.mark.judged
 def test_white_on_coloured_noise_is_cautioned_and_auto_is_not():
     record = short_period(n_samples=500)

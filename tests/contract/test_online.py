@@ -534,6 +534,7 @@ def test_the_model_given_to_start_from_is_forgotten(key):
     assert np.all(np.abs(one.theta - two.theta) < 0.1 * one.std + 1e-4 * np.abs(one.theta))
 
 
+@pytest.mark.slow
 def test_two_experiments_one_after_the_other():
     """A list of records: each begins at rest again, as the structure says."""
     case = CASES["one zero"]
@@ -574,8 +575,8 @@ def test_an_input_that_never_moves_makes_nothing_ready(key, u):
     assert np.all(np.isnan(run.theta))
 
 
+@pytest.mark.slow
 @every_method
-@pytest.mark.fast("three-model", "gradient")
 def test_excitation_that_comes_late_is_used(key):
     case = CASES["one zero"]
     record = case.record(2500, noise=0.02)

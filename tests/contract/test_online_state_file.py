@@ -118,6 +118,7 @@ def test_jittered_time_is_in_the_state(tmp_path):
     assert states[1].time == pytest.approx(intervals[1:].sum(), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_an_estimate_to_start_from_survives_the_file(tmp_path):
     u, y = (np.array(x) for x in signals(600))
     u, y = u[230:520], y[230:520]
@@ -328,7 +329,7 @@ def test_a_file_with_a_part_missing_is_refused(document, tmp_path):
         refused(err.DataError, path)
 
 
-@pytest.mark.fast("('three-model', 300)")
+@pytest.mark.slow
 def test_a_file_that_was_altered_never_ends_in_a_foreign_error(document, tmp_path):
     """Refused in one line, or loaded and stepped: no KeyError, no crash of a compiled loop."""
     found = json.loads(document)

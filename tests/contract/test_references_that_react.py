@@ -47,9 +47,9 @@ def codes(u, y, r):
     return {one.code: one for one in found.findings}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("given", list(GIVEN))
 @pytest.mark.parametrize("seed", [0, 1])
-@pytest.mark.fast("1-input")
 def test_a_reference_that_carries_the_output_is_told(given, seed):
     u, y, r = loop(seed)
     finding = codes(u, y, GIVEN[given](u, y, r))["reference-reacts"]

@@ -90,6 +90,7 @@ def test_a_plant_that_a_controller_holds_is_found_where_stable_poles_cancel():
     assert "order-low" not in told
 
 
+@pytest.mark.slow
 def test_a_set_point_that_never_moves_changes_no_digit():
     record, method = held(1.0), ThreeModel(starts=1, noise="white", finish="likelihood")
     both = [record, record.select(references=[])]

@@ -227,9 +227,9 @@ def noisy(options):
     return record, structure, level, truth
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("key", ABLE)
 @pytest.mark.parametrize("options", [REST, FREE], ids=["rest", "free"])
-@pytest.mark.fast("rest-output-error", "rest-three-model")
 def test_the_end_and_its_covariance_are_those_of_a_dense_route(key, options):
     record, structure, _, truth = noisy(tuple(options.items()))
     plain = {"noise": "white", "finish": "likelihood"} if key == "three-model" else {}

@@ -49,6 +49,7 @@ def close(estimate, truth=TRUTH):
         assert abs(found.value - value) <= CLOSE * found.std + 1e-9 * abs(value)
 
 
+@pytest.mark.slow
 @pytest.mark.unjudged
 def test_a_known_gain_a_known_delay_and_a_drift_together():
     record = record_of(31, n=300, late=2, slope=0.05)

@@ -108,7 +108,7 @@ def test_every_extra_that_a_reader_names_is_declared(repository: Path) -> None:
             assert any(entry.startswith(known.needs) for entry in declared[known.extra])
 
 
-@pytest.mark.fast("run.ulg", "five.mat", "run.csv")
+@pytest.mark.slow
 def test_nothing_is_printed(sample) -> None:
     program = (
         f"from tridentify import read_record; read_record({str(sample.path)!r}, **{sample.asked!r})"
@@ -238,6 +238,7 @@ def misbehave(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     ],
 )
 @pytest.mark.isolated
+@pytest.mark.fast("raise-UnreadableFileError-damaged content")
 def test_a_reader_that_fails_is_one_clear_error(
     misbehave, monkeypatch: pytest.MonkeyPatch, deed: str, error: type[Exception], words: str
 ) -> None:

@@ -73,6 +73,7 @@ def asammdf():
     return pytest.importorskip("asammdf", reason="needs asammdf, of the extra tridentify[mdf]")
 
 
+@pytest.mark.slow
 def test_groups_have_clocks_of_their_own_and_invalid_samples_are_missing(
     asammdf, tmp_path: Path
 ) -> None:

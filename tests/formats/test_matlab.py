@@ -121,6 +121,7 @@ def test_complex_numbers_and_strange_units_are_refused(tmp_path: Path) -> None:
         read_record(tmp_path / "a.mat", dt=1.0, inputs=["y"], outputs=["w"])
 
 
+@pytest.mark.slow
 @pytest.mark.isolated
 def test_deep_nesting_ends_and_does_not_crash(write, tmp_path: Path) -> None:
     nested: dict[str, object] = {"y": column(Y)}
@@ -156,6 +157,7 @@ def test_an_object_of_a_class_is_named_and_refused(write, h5py, tmp_path: Path) 
 
 @pytest.mark.parametrize("kind", ["link", "external", "virtual"])
 @pytest.mark.isolated
+@pytest.mark.fast("virtual")
 def test_nothing_outside_the_file_is_read(write, h5py, tmp_path: Path, kind: str) -> None:
     secret = tmp_path / "secret.bin"
     secret.write_bytes(Y.tobytes())

@@ -46,9 +46,9 @@ def test_a_file_is_read_whatever_its_name(sample, tmp_path: Path) -> None:
     assert str(caught.value).isprintable()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="the locale decides on names on Linux")
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
-@pytest.mark.fast("csv")
 def test_a_name_beyond_ascii_is_read_where_the_locale_knows_no_more(
     tmp_path: Path, suffix: str
 ) -> None:
@@ -86,6 +86,7 @@ def test_many_columns_take_time_in_proportion(tmp_path: Path) -> None:
     assert time.process_time() - begun < 20.0  # 66 s when the names were compared in pairs
 
 
+@pytest.mark.slow
 def test_a_name_that_comes_again_beyond_the_first_mib_is_found(tmp_path: Path) -> None:
     names = ["t", "u", "y", *(f"channel number {k} of the rig" for k in range(60_000)), "u", "u"]
     path = write_wide(tmp_path / "wide.csv", names, 1)
@@ -152,6 +153,7 @@ def test_text_that_would_fill_the_memory_is_refused(
             read_record(path, **ASKED)
 
 
+@pytest.mark.slow
 def test_an_array_is_measured_as_a_whole_before_it_is_unpacked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -136,6 +136,7 @@ def explore(
     return estimates, refusals
 
 
+@pytest.mark.slow
 def test_any_record_is_identified_or_refused_by_the_quick_methods(seeds, attempt):
     estimates, refusals = explore(seeds, attempt, 80, QUICK)
     assert estimates
@@ -158,6 +159,7 @@ def test_any_record_is_identified_or_refused_by_the_thorough_methods(seeds, atte
     assert refusals
 
 
+@pytest.mark.slow
 def test_any_record_is_surveyed_or_refused(seeds, attempt):
     ended = []
     for seed, rng in seeds.take(300):

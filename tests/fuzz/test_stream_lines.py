@@ -106,12 +106,14 @@ def check(data: bytes, asked: Asked, rng: np.random.Generator, what: str) -> Non
         assert line["malformed"] <= line["lines"], what
 
 
+@pytest.mark.slow
 def test_forged_lines_of_csv_are_followed_or_refused(seeds) -> None:
     for seed, rng in seeds.take(25):
         uniform = bool(rng.random() < 0.2)
         check(forged(rng, "csv"), Asked(("u",), ("y",), uniform=uniform), rng, f"seed {seed}")
 
 
+@pytest.mark.slow
 def test_forged_lines_of_json_are_followed_or_refused(seeds) -> None:
     for seed, rng in seeds.take(25):
         check(forged(rng, "json"), Asked(("u",), ("y",)), rng, f"seed {seed}")

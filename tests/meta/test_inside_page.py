@@ -29,6 +29,7 @@ def defined(path: Path) -> set[str]:
     return found
 
 
+@pytest.mark.slow
 def test_every_name_stands_in_its_file(repository: Path, page: str) -> None:
     pairs = NAMED.findall(page)
     assert len(pairs) > 30, "the page lost its names"

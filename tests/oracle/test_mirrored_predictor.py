@@ -101,13 +101,13 @@ def test_an_integrators_position_and_an_offset_are_small_where_they_are_not_told
     assert np.linalg.norm(left) < 1.1 * np.linalg.norm(found.errors)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("den", "seed"),
     [([1.0, 0.5, -1.5], 2), ([1.0, -0.5, -1.5], 3), ([1.0, -0.6, 4.0], 4), ([1.0, 2.0, 0.0], 5)],
     ids=["one", "fast", "pair", "integrating"],
 )
 @pytest.mark.judged
-@pytest.mark.fast("fast")
 def test_the_plant_is_found_as_it_is(den, seed):
     record = flown(seed, den)
     estimate = identify(record, Structure(2, 0), ThreeModel(controller="sampled"))
@@ -167,6 +167,7 @@ def test_missing_outputs_do_not_matter():
     assert np.all(np.abs(estimate.theta - [0.5, -1.5, 2.0]) < 4.0 * estimate.std)
 
 
+@pytest.mark.slow
 def test_validation_tests_the_predictor_of_what_cannot_be_simulated():
     record = flown(10, [1.0, 0.5, -1.5])
     estimate = identify(record, Structure(2, 0))

@@ -182,6 +182,7 @@ def test_the_innovation_is_what_the_past_did_not_foretell():
 
 
 @pytest.mark.parametrize("forget", ["directional", "resetting"])
+@pytest.mark.fast("directional")
 def test_other_ways_to_forget_agree_where_excitation_is_even(forget):
     """With every direction excited alike there is little to choose between them."""
     record, c = recorded("one zero", 8_000, noise=0.05)
@@ -235,6 +236,7 @@ def test_only_what_is_said_to_drift_drifts():
     assert abs(ends["a0"][1] - 2.5) > abs(ends["b0"][1] - 2.5)
 
 
+@pytest.mark.slow
 def test_band_of_a_drift_widens_without_news():
     """A random walk of 0.05 a root second, 100 s without input: at least 0.3 wider, no blow-up."""
     record, c = recorded("first order", 4000, noise=0.02)
@@ -299,6 +301,7 @@ def test_ends_where_offline_does_on_any_clock(intersample, scale):
     agreed(record, asked("one zero"))
 
 
+@pytest.mark.slow
 def test_ends_where_offline_does_with_several_channels():
     u = np.stack([levels(2000, 4, 1), levels(2000, 5, 2)], axis=1)
     den = [1.0, 1.0, 3.0]
@@ -310,6 +313,7 @@ def test_ends_where_offline_does_with_several_channels():
     agreed(Record(u, y, dt=DT), Structure(2, [[1, 0], [0, 1]], **REST))
 
 
+@pytest.mark.slow
 def test_ends_where_offline_does_with_a_delay():
     u = levels(4000, 4, 1)
     model = TransferFunction([0.2, 0.5], [1.0, 1.0, 3.0], delay=0.137)
@@ -318,6 +322,7 @@ def test_ends_where_offline_does_with_a_delay():
     agreed(Record(u, y, dt=DT), Structure(2, 1, delay=0.137, **REST))
 
 
+@pytest.mark.slow
 def test_ends_where_offline_does_not_at_rest():
     u = levels(2000, 4, 1)
     model = TransferFunction([0.2, 0.5], [1.0, 1.0, 3.0])
@@ -358,6 +363,7 @@ def test_ends_where_offline_does_on_a_jittered_clock():
     assert run.state.seen & online.Flag.JITTER
 
 
+@pytest.mark.slow
 def test_a_jittered_run_is_the_fold_over_its_intervals():
     rng = np.random.default_rng(8)
     t = 7.0 + np.cumsum(DT * rng.uniform(0.4, 1.6, 800))
@@ -376,8 +382,8 @@ def test_a_jittered_run_is_the_fold_over_its_intervals():
     assert found == pytest.approx([1.0, 3.0, 0.2, 0.5], rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["at random", "in stretches"])
-@pytest.mark.fast("at random")
 def test_ends_where_offline_does_with_missing_outputs(kind):
     record, _ = recorded("one zero", 4000, 0.1)
     y = np.array(record.y)
@@ -391,6 +397,7 @@ def test_ends_where_offline_does_with_missing_outputs(kind):
     assert run.state.seen & online.Flag.MISSING_OUTPUT
 
 
+@pytest.mark.slow
 def test_one_of_two_outputs_missing():
     u = levels(4000, 4, 1)
     den = [1.0, 1.0, 3.0]

@@ -13,8 +13,8 @@ from tridentify import Record, Structure, ThreeModel, TransferFunction, identify
 pytestmark = pytest.mark.unjudged
 
 # shares of what the profile has: `make test` is content with few
-FEW = settings(max_examples=settings.default.max_examples // 12, deadline=None)
-SOME = settings(max_examples=settings.default.max_examples // 4, deadline=None)
+FEW = settings(max_examples=max(1, settings.default.max_examples // 12), deadline=None)
+SOME = settings(max_examples=max(1, settings.default.max_examples // 4), deadline=None)
 DT = 0.05
 INTERSAMPLE = st.sampled_from(["zoh", "foh"])
 SEED = st.integers(0, 10_000)

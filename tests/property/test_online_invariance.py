@@ -14,8 +14,8 @@ REST = {"offset": False, "initial_state": "rest"}
 SEED = st.integers(0, 10_000)
 EXPONENT = st.integers(-30, 30)
 # shares of what the profile has: `make test` is content with few
-FEW = settings(max_examples=settings.default.max_examples // 20, deadline=None)
-SOME = settings(max_examples=settings.default.max_examples // 6, deadline=None)
+FEW = settings(max_examples=max(1, settings.default.max_examples // 20), deadline=None)
+SOME = settings(max_examples=max(1, settings.default.max_examples // 6), deadline=None)
 METHODS = {
     "three-model": lambda s: online.ThreeModel(),
     "three-model, forgetting": lambda s: online.ThreeModel(forgetting=0.998),

@@ -57,6 +57,7 @@ def test_attas_pitch_rate(folder, name, options):
     assert estimate.model.natural_frequency[0] == pytest.approx(np.sqrt(expected[1]), rel=0.005)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ATTAS)
 def test_attas_angle_of_attack_has_the_same_poles(folder, name):
     estimate = identify(attas(folder, name, ["y_alpha"]), Structure(2, 1))
@@ -64,6 +65,7 @@ def test_attas_angle_of_attack_has_the_same_poles(folder, name):
     assert estimate.fit[0] > 85.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ATTAS_ONE)
 def test_attas_both_outputs_with_one_denominator(folder, name):
     record = attas(folder, name, ["y_q", "y_alpha"])
@@ -74,6 +76,7 @@ def test_attas_both_outputs_with_one_denominator(folder, name):
     assert estimate.model.is_stable
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ATTAS_ONE)
 def test_attas_noise_is_coloured_and_moves_the_coefficients_within_its_errors(folder, name):
     record = attas(folder, name, ["y_q"])
@@ -155,6 +158,7 @@ def jsbsim(folder, name, outputs=("alpha_rad",), *, thin=4):
 
 @pytest.mark.parametrize("zeros", [1, 0])
 @pytest.mark.parametrize("name", JSBSIM)
+@pytest.mark.fast("jsbsim-c172p-doublet-1")
 def test_jsbsim_equals_plain_output_error(folder, name, zeros):
     record, truth = jsbsim(folder, name)
     estimate = identify(record, Structure(2, zeros, offset=True, initial_state="rest"))

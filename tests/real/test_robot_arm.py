@@ -33,6 +33,7 @@ def test_first_part_predicts_the_rest(record, judged):
     assert judged(estimate.model, second)[0] == pytest.approx(95.2, abs=0.3)
 
 
+@pytest.mark.slow
 def test_resonances_are_those_of_a_rough_fit(record):
     first, _ = record.split(800.0)
     poles = identify(first, FOUR, PLAIN).model.poles
@@ -41,6 +42,7 @@ def test_resonances_are_those_of_a_rough_fit(record):
     assert np.allclose(upper.real, [-0.0019, -0.0037], rtol=0.05)
 
 
+@pytest.mark.slow
 def test_the_interval_only_scales_the_answer(record):
     first, _ = record.split(800.0)
     fast = Record(first.u, first.y, dt=1e-3)

@@ -62,6 +62,7 @@ def test_without_noise_there_is_nothing_to_draw(tmp_path):
     assert save_study_figures(clean, tmp_path) == ()
 
 
+@pytest.mark.slow
 def test_pictures_are_saved(result, tmp_path):
     (path,) = save_study_figures(result, tmp_path)
     assert path.name == "cells.svg"

@@ -62,6 +62,7 @@ def threads() -> Iterator[Any]:
         yield made
 
 
+@pytest.mark.slow
 def test_a_process_beside_the_worker_has_the_numbers_of_this_one(
     study: DeclaredStudy, here: list[dict[str, Any]]
 ) -> None:

@@ -126,6 +126,7 @@ def test_a_coarse_converter(good):
     assert "quantisation" in codes(found)
 
 
+@pytest.mark.slow
 def test_a_delay_with_its_range():
     u = held(5)
     late = TransferFunction([2.0, 6.0], [1.0, 2.0, 9.0], delay=0.3)
@@ -175,6 +176,7 @@ def looped():
     return u, y, reference
 
 
+@pytest.mark.slow
 def test_feedback():
     u, y, reference = looped()
     found = advise(Record(u, y, dt=DT))
@@ -187,6 +189,7 @@ def test_feedback():
     assert "open the loop" not in followed.summary()
 
 
+@pytest.mark.slow
 def test_a_drift(good):
     t = np.arange(N) / N
     size = np.std(good.y)
@@ -204,6 +207,7 @@ def test_a_disturbance_that_wanders(good):
     assert found >= 3
 
 
+@pytest.mark.slow
 def test_a_single_tone_and_a_constant_input(good):
     u = np.sin(2.0 * DT * np.arange(N))
     assert "not-excited" in codes(advise(Record(u, noisy(1, u), dt=DT)))
@@ -291,8 +295,8 @@ def test_names_are_public(found):
     assert isinstance(found, tridentify.Advice)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(8))
-@pytest.mark.fast("0")
 def test_a_swing_after_one_step_is_no_delay(seed):
     """However alike its periods are: the output leaves its rest when the input does."""
     rng = np.random.default_rng([seed, 17])
@@ -309,8 +313,8 @@ def autoregressive(seed, memory, n=500):
     return lfilter([np.sqrt(1.0 - memory**2)], [1.0, -memory], noise)[600:]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 4, 6])
-@pytest.mark.fast("1")
 def test_an_input_is_not_taken_to_act_on_what_wanders_by_itself(seed):
     """Least squares follows coloured noise by many operators; its own past tells as much of it."""
     u = held(seed, 500, 15)

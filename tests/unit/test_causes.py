@@ -263,6 +263,7 @@ def test_a_limit_on_one_side_leaves_the_other_open():
     assert np.isinf(levels(y + 0.3 * rng.standard_normal(2000), y)).all()
 
 
+@pytest.mark.slow
 def test_right_records_are_left_alone():
     told = []
     for seed in range(12):
@@ -297,6 +298,7 @@ def test_single_bad_samples_and_steps_of_the_input_are_no_lost_rows(seed):
     assert "lost-rows" not in codes
 
 
+@pytest.mark.slow
 def test_a_disturbance_that_shakes_the_state_now_and_then_is_no_lost_rows():
     rng = np.random.default_rng(3)
     u = held(3)
@@ -353,6 +355,7 @@ def test_a_commanded_staircase_is_no_feedback_whatever_the_model_misses():
     assert "feedback" not in [f.code for f in estimate.findings]
 
 
+@pytest.mark.slow
 def test_a_smaller_structure_that_does_as_well_is_told():
     u = held(9)
     record = Record(u, response(u) + noise(9), dt=DT)

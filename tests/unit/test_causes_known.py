@@ -42,6 +42,7 @@ def refuse(*_, **__):
     raise AssertionError("fitted again")
 
 
+@pytest.mark.slow
 def test_the_same_question_is_answered_from_what_is_known(monkeypatch):
     known = first()
     assert known.best is not None

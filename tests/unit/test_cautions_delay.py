@@ -61,6 +61,7 @@ def test_a_delay_that_a_numerator_stands_for_is_not_to_be_left_out():
     assert not any("distinguishable" in one and "u2" in one for one in lines)
 
 
+@pytest.mark.slow
 def test_advice_to_shift_an_input_names_the_option():
     rng = np.random.default_rng(3)
     u = np.repeat(rng.choice([-1.0, 1.0], 60), 5)

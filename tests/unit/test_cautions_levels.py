@@ -75,6 +75,7 @@ def soon(seed):
     return Record(u, y + noise + 20.0, dt=1.0), gain
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "warned"), [(20, True), (0, False)])
 def test_a_step_soon_after_the_start_hangs_on_whether_it_began_at_rest(seed, warned):
     record, gain = soon(seed)

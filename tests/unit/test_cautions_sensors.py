@@ -145,6 +145,7 @@ def test_marking_saturated_samples_as_missing_takes_most_of_the_bias_away():
     assert np.max(after) < 0.35 * np.max(before)
 
 
+@pytest.mark.slow
 def test_hanging_sensor_is_named_with_its_place():
     record, _ = noisy(2)
     y = np.array(record.y)
@@ -355,9 +356,9 @@ def test_sound_records_raise_no_alarm(kind, level):
     assert said(record)[0] == set()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_samples", [15, 30, 60])
 @pytest.mark.parametrize("seed", range(6))
-@pytest.mark.fast("0-30")
 def test_short_sound_records_raise_no_alarm(n_samples, seed):
     u = np.where(np.arange(n_samples) < n_samples // 2, 1.0, -1.0)
     record, _ = noisy(seed, level=0.1, u=u)

@@ -49,8 +49,8 @@ def test_levels_and_steps_are_no_codes():
     assert coded(rest, "y") is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [4, 5, 6])
-@pytest.mark.fast("4")
 def test_where_a_sensor_hung_no_rows_were_lost(seed):
     rng, u, y, dt = plant(seed)
     at = int(rng.integers(100, 400))

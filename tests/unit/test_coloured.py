@@ -384,6 +384,7 @@ def test_experiments_with_different_steps():
     assert any("noise taken as white" in line for line in estimate.trace.decisions)
 
 
+@pytest.mark.slow
 def test_too_few_samples():
     record = coloured([-0.9], 25)
     with pytest.raises(TooFewSamplesError, match="noise model"):

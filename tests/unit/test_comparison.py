@@ -321,6 +321,7 @@ def test_anything_else_is_refused_in_one_line(arguments, error, message):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 @pytest.mark.unjudged
 def test_names_tell_the_models_apart():
     model = CASES["second order"][0]

@@ -74,9 +74,9 @@ RIGHT = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("knowledge", RIGHT)
 @pytest.mark.parametrize("pole", [0.0, 0.8])
-@pytest.mark.fast("0.0-knowledge1")
 def test_true_knowledge_raises_no_doubt(knowledge, pole):
     for seed in range(3):
         record = record_of(seed, 0.1, 12, pole)
@@ -88,6 +88,7 @@ def test_a_wide_prior_far_from_the_estimate_raises_no_doubt():
     assert not doubts(identify(record_of(), structure))
 
 
+@pytest.mark.slow
 def test_nothing_is_said_where_the_free_fit_means_nothing():
     rng = np.random.default_rng(1)
     u = np.repeat([1.0, -1.0], 10)
@@ -97,6 +98,7 @@ def test_nothing_is_said_where_the_free_fit_means_nothing():
     assert not doubts(identify(record, structure, throw=False))
 
 
+@pytest.mark.slow
 def test_the_constrained_residual_is_the_one_that_is_tested():
     bent = identify(record_of(), Structure(2, 1, fixed={"a0": 12.0}))
     assert any("residual of y is correlated" in line for line in bent.cautions)

@@ -51,6 +51,7 @@ def record(seed, disturb, model=PLANT):
     ],
     ids=["a coefficient", "a numerator", "an integrator", "two outputs"],
 )
+@pytest.mark.fast("an integrator")
 def test_directions_hold_all_of_the_information_and_nothing_is_left_along_them(
     model, structure, monkeypatch
 ):
@@ -105,6 +106,7 @@ def test_errors_grow_with_gusts(model, structure, truth, monkeypatch):
         assert np.linalg.eigvalsh(one.cov - other.cov).min() > -1e-9 * np.trace(one.cov)
 
 
+@pytest.mark.slow
 def test_white_noise_keeps_the_likelihood():
     structure = Structure(2, 0, fixed={"a1": 2.0})
     found = [identify(record(k, white), structure, OutputError(PLANT)) for k in range(5)]

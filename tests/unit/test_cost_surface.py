@@ -136,6 +136,7 @@ def lines(ax):
     return {line.get_label(): line.get_xydata() for line in ax.get_lines()}
 
 
+@pytest.mark.slow
 def test_picture_marks_estimate_passes_truth_and_minimum(second):
     estimate, record = second
     truth = {"a1": 1.0, "a0": 3.0}
@@ -157,6 +158,7 @@ def test_picture_marks_estimate_passes_truth_and_minimum(second):
     left.figure.draw_without_rendering()
 
 
+@pytest.mark.slow
 def test_picture_has_no_texts_that_overlap(second):
     from itertools import combinations
 

@@ -114,6 +114,7 @@ def test_cells_end_at_the_steps_of_every_hold():
     assert Cell.around(minimum(SECOND).problem, np.array([0.337])).kinked == []
 
 
+@pytest.mark.slow
 def test_the_cells_share_the_integral_of_the_profile_likelihood():
     """Against the cost along the delay, all else at its best, integrated piece by piece."""
     best = minimum(FIRST, noise=1.0)

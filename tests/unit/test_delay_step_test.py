@@ -28,8 +28,8 @@ def gain(estimate):
     return float(estimate.model.dc_gain[0, 0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "rows", "noise"), [(41, 5, 0.12), (42, 20, 0.12), (43, 5, 0.6)])
-@pytest.mark.fast("42-20-0.12")
 def test_gain_and_dead_time_of_a_plain_step_test(seed, rows, noise):
     record, delay = step_test(seed, rows, noise=noise)
     estimate = identify(record, Structure(1, 0, delay="free"))
@@ -68,8 +68,8 @@ def test_how_long_an_input_was_held_before(rests, expected):
     assert held_before(np.hstack([u, np.zeros_like(u)]), since) == expected
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rows", [10, 20])
-@pytest.mark.fast("20")
 def test_a_step_between_two_settings_is_seen_as_well(rows):
     record, delay = step_test(60 + rows, rows, second=15.0)
     moved = Record(record.u + 30.0, record.y, dt=1.0)

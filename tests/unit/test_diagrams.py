@@ -236,6 +236,7 @@ NAMES = st.text(
 ).filter(lambda name: name.strip() == name and name.isprintable())
 
 
+@pytest.mark.slow
 @settings(max_examples=20)
 @given(
     names=st.lists(NAMES, min_size=4, max_size=4, unique=True),

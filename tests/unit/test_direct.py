@@ -56,6 +56,7 @@ def test_white_noise_is_wrong_in_a_loop_and_the_direct_route_is_not(found):
     assert any("route direct" in one for one in found.trace.decisions)
 
 
+@pytest.mark.slow
 def test_how_much_hangs_on_the_noise_model_is_said(found):
     (finding,) = [f for f in found.findings if f.code == "feedback"]
     assert finding.severity == "warning"
@@ -203,6 +204,7 @@ def test_asked_for_open_loop_an_end_that_is_far_likelier_is_told_not_taken():
 
 @pytest.mark.unjudged
 @pytest.mark.parametrize("order", [2, 1])
+@pytest.mark.fast("1")
 def test_nothing_is_likelier_in_open_loop_whether_or_not_the_order_is_right(order):
     rng = np.random.default_rng(3)
     u = np.repeat(rng.choice([-1.0, 1.0], 50), 10)
@@ -229,9 +231,9 @@ def rubbing_drive(seed: int, n: int = 800) -> Record:
     return Record(u, y, dt=dt, intersample="zoh")
 
 
+@pytest.mark.slow
 @pytest.mark.unjudged
 @pytest.mark.parametrize("together", [False, True])
-@pytest.mark.fast("False")
 def test_errors_reach_as_far_as_white_noise_where_the_innovations_hold_the_past(
     found, monkeypatch, together
 ):

@@ -34,8 +34,8 @@ def battery(seed: int, *, resistance: float = RESISTANCE) -> Record:
     return Record(measured, y, dt=1.0, intersample="auto")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(5))
-@pytest.mark.fast("0")
 def test_jumps_of_input_and_output_together_are_no_lost_rows(seed: int) -> None:
     record = battery(seed)
     assert record.behaviour == "zoh"
@@ -43,6 +43,7 @@ def test_jumps_of_input_and_output_together_are_no_lost_rows(seed: int) -> None:
     assert not told & {"lost-rows", "bad-samples", "feedback"}
 
 
+@pytest.mark.slow
 @pytest.mark.unjudged
 def test_as_many_zeros_as_poles_are_tried_unasked() -> None:
     record = battery(1)

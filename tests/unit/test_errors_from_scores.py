@@ -80,6 +80,7 @@ def test_white_noise_keeps_the_likelihood():
     assert not any("scatter" in told for e in found for told in e.trace.decisions)
 
 
+@pytest.mark.slow
 @pytest.mark.judged
 def test_it_is_said_and_kept(tmp_path):
     estimate = identify(record(0, gusts), Structure(2, 0), WHITE)

@@ -129,6 +129,7 @@ def test_phases_are_never_worse_than_schroeders():
         assert found <= crest(signal_of(lines, level, schroeder(level), 512))
 
 
+@pytest.mark.slow
 def test_inputs_of_a_multisine_are_orthogonal_and_share_the_band():
     plan = multisine(10.0, dt=0.02, band=(0.6, 15.0), n_inputs=3, amplitude=[1.0, 2.0, 0.5])
     gram = plan.u.T @ plan.u

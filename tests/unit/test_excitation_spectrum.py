@@ -144,6 +144,7 @@ def test_no_multisine_of_the_same_power_is_better():
         assert np.sum(rival**2) > 0.99 * least
 
 
+@pytest.mark.slow
 @pytest.mark.judged
 def test_the_binary_signal_has_crest_factor_one_and_is_compared():
     best = optimal_spectrum(SECOND, Structure(2, 0, **REST), noise_std=0.1, limit=0.5)
@@ -161,6 +162,7 @@ def test_the_binary_signal_has_crest_factor_one_and_is_compared():
     assert "<table>" in best._repr_html_()
 
 
+@pytest.mark.slow
 def test_of_an_estimate_the_spectrum_is_for_all_that_the_plant_may_be():
     rng = np.random.default_rng(1)
     u = np.repeat(rng.choice([-1.0, 1.0], 40), 5)

@@ -86,6 +86,7 @@ MODELS = {
 
 @needs_compiler
 @pytest.mark.parametrize("which", MODELS)
+@pytest.mark.fast("whole delay", "unstable")
 def test_the_filter_in_c_is_the_exact_response_to_a_held_input(which, tmp_path):
     model, dt = MODELS[which], 0.02
     u = inputs(model.n_inputs)
@@ -189,6 +190,7 @@ def with_unchecked(estimate, text):
 
 @needs_compiler
 @pytest.mark.parametrize("text", UNCHECKED)
+@pytest.mark.fast("*/ #error no")
 def test_what_no_check_has_seen_stays_in_the_comment(single, text, tmp_path):
     plain = c_header(single.estimate, 0.05, "m").split("*/", 1)[1]
     header = c_header(with_unchecked(single.estimate, text), 0.05, "m")

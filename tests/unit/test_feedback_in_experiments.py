@@ -28,8 +28,8 @@ def experiment(rng, kind, n=500):
     return Record(u, simulate(PLANT, Record(u, u, dt=0.05))[:, 0] + 0.3 + noise, dt=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.fast("0")
 def test_inputs_of_several_kinds_are_no_feedback(seed):
     rng = np.random.default_rng(seed)
     records = [experiment(rng, "sine"), experiment(rng, "steps")]

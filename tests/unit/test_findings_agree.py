@@ -222,6 +222,7 @@ def wandering(seed):
     return Record(u, y + 0.05 * np.random.default_rng(100 + seed).standard_normal(N), dt=DT)
 
 
+@pytest.mark.slow
 def test_samples_that_were_left_out_are_not_called_missing():
     estimate, record = spoiled("huber")
     notes = validate(estimate, record).notes

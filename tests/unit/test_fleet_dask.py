@@ -55,6 +55,7 @@ def pids(cluster: Any) -> list[int]:
         return list(client.run(os.getpid).values())
 
 
+@pytest.mark.slow
 def test_rows_are_those_of_a_serial_run(cluster: Any, tmp_path: Path) -> None:
     fleets.write_files(tmp_path / "logs", fleets.units(8, n=60))
     (tmp_path / "logs" / "bad.parquet").write_bytes(b"PAR1")

@@ -37,6 +37,7 @@ def frame(records: dict[str, Record]) -> pl.DataFrame:
 
 
 @pytest.mark.parametrize("kind", ["pandas", "pyarrow", "batch", "polars"])
+@pytest.mark.fast("batch", "polars")
 def test_a_frame_of_each_kind_gives_one_of_the_same(
     kind: str, frame: pl.DataFrame, records: dict[str, Record]
 ) -> None:

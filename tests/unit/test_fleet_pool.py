@@ -85,6 +85,7 @@ def test_a_population_that_is_known_exactly() -> None:
     assert np.isfinite(pool.shrunk).all()
 
 
+@pytest.mark.slow
 def test_units_that_deviate_are_found_and_left_alone() -> None:
     _, said = gaussian(np.random.default_rng(1), 150, np.diag([0.01, 0.01]))
     for k in range(6):
@@ -123,6 +124,7 @@ def test_a_fleet_too_small_for_a_population_keeps_its_rows_and_says_why(tmp_path
         found.pool()
 
 
+@pytest.mark.slow
 def test_a_fleet_is_pooled_and_the_members_written(tmp_path: Path) -> None:
     rng = np.random.default_rng(4)
     truth = fleets.TRUTH * np.exp(SPREAD * rng.standard_normal((40, 3)))

@@ -91,6 +91,7 @@ def test_a_fleet_without_estimates_has_a_page_and_no_picture(tmp_path: Path) -> 
         run.plot()
 
 
+@pytest.mark.slow
 @pytest.mark.undrawn
 def test_own_reports_are_made_where_the_records_are_still_there(tmp_path: Path) -> None:
     rng = np.random.default_rng(7)

@@ -57,6 +57,7 @@ def test_a_short_manoeuvre_does_not_leak():
 
 
 @pytest.mark.parametrize("intersample", ["zoh", "foh"])
+@pytest.mark.fast("foh")
 def test_the_input_between_the_samples_is_allowed_for(intersample):
     rng = np.random.default_rng(3)
     u = rng.standard_normal(2000)

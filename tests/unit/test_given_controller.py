@@ -116,6 +116,7 @@ def test_a_fixed_coefficient_stays_where_it_is() -> None:
     assert np.all(np.abs(found.theta - TRUE)[[0, 2, 3]] < 4.0 * found.std[[0, 2, 3]])
 
 
+@pytest.mark.slow
 def test_a_controller_with_a_limit_is_not_believed() -> None:
     """The input runs into its limit: the controller given did not make it."""
     record = sampled(5, 300, limit=1.2)[0]

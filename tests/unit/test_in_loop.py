@@ -266,6 +266,7 @@ def test_what_the_route_cannot_do_stays_as_it_was():
     assert found_together(estimate, [drawn.record]) is estimate
 
 
+@pytest.mark.slow
 def test_what_is_known_of_the_plant_stays_and_narrows_the_rest():
     drawn = sampled(910_050, "stable")
     direct = ThreeModel(route="direct")

@@ -17,8 +17,8 @@ def still(seed, count=300):
     return Record(np.full(count, 5.0), y, dt=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [11, 12, 13])
-@pytest.mark.fast("11")
 def test_the_first_finding_is_that_the_input_does_not_move(seed):
     codes = [one.code for one in identify(still(seed), Structure(1, 0), throw=False).findings]
     assert codes[0] in ("constant-input", "not-converged")

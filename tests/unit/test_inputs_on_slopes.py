@@ -134,6 +134,7 @@ def test_nobody_is_told_to_leave_open_what_was_left_open():
         assert ("auto" in for_left_open(remedy, estimate)) is wanted
 
 
+@pytest.mark.slow
 def test_a_selection_says_where_identify_takes_another_behaviour(monkeypatch):
     rng = np.random.default_rng(1)
     u = lfilter([1.0], [1.0, -0.9], rng.standard_normal(150))

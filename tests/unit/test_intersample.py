@@ -69,6 +69,7 @@ def test_a_measured_input_stated_as_held_is_told():
     assert better.fit[0] > estimate.fit[0]
 
 
+@pytest.mark.slow
 @pytest.mark.unjudged
 def test_right_records_are_left_alone():
     rng = np.random.default_rng(3)

@@ -65,6 +65,7 @@ def test_many_lengths_take_digits_and_few_take_one_table():
     assert many.distinct.size == 0
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(
     seed=st.integers(0, 10_000),
@@ -87,6 +88,7 @@ def test_any_lengths_at_any_rate(responses, seed, rate, spread, intersample):
 
 
 @pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.fast("jitter")
 def test_columns_of_a_regression(responses, kind):
     """States, direct terms, impulse, constant and ramp, each with its own delays."""
     t = instants(kind)

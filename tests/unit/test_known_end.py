@@ -28,8 +28,8 @@ def _record(plant: TransferFunction, seed: int, level: float) -> Record:
     return Record(u, y + level * y.std() * rng.standard_normal(y.size), dt=0.1, intersample="zoh")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", [0.05, 0.3])
-@pytest.mark.fast("0.05")
 def test_the_end_is_that_of_the_whole_search(level: float, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[bool] = []
 

@@ -56,8 +56,8 @@ def test_no_lines_are_seen_in_what_was_recorded():
             assert joined_by_lines(seen, u[:, None]) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
-@pytest.mark.fast("0")
 def test_a_log_that_was_interpolated_is_told_first_and_the_recorded_rows_mend_it(seed):
     u, y = recorded(seed, 300, 0.1, 3)
     record = Record(*finer(u, y, 5), dt=0.02, intersample="auto")

@@ -59,6 +59,7 @@ def longest_word(texts: list[str]) -> int:
     return max(len(word) for text in texts for word in re.split(r"[\s/,\[\]()]+", text))
 
 
+@pytest.mark.slow
 def test_pictures(two):
     record, estimate = two
     drawn = [

@@ -131,8 +131,8 @@ def test_numbers_are_those_in_memory(name: str, saved: Saved) -> None:
     assert found.n_samples == record.n_samples
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chunk", [617, 4096, 50_000])
-@pytest.mark.fast("617")
 def test_the_size_of_the_parts_does_not_show(chunk: int, saved: Saved) -> None:
     record, structure = single(20_000, "foh", 0.137), Structure(2, 1, delay=0.137)
     path = saved(record)
@@ -185,6 +185,7 @@ def test_parquet_and_time_in_the_file(tmp_path: Path) -> None:
     assert np.array_equal(part.u, record.u[5_000:5_010])
 
 
+@pytest.mark.slow
 def test_what_was_judged_is_said(saved: Saved) -> None:
     record = CASES["several channels with gaps"][0]
     found = in_parts(saved(record), record, Structure(2, 1))

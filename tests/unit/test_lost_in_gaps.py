@@ -81,6 +81,7 @@ def test_an_input_that_was_recorded_while_the_output_was_not_is_no_gap():
     assert not any(one.code == "lost-rows" for one in estimate.findings)
 
 
+@pytest.mark.slow
 def test_what_strikes_from_outside_is_not_said_to_be_lost_rows_alone():
     u, y, _, _ = fired(5)
     t = DT * np.arange(N)

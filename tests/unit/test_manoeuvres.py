@@ -64,6 +64,7 @@ def test_nothing_is_offered_where_there_is_nothing(record):
     assert find_manoeuvres(record) == ()
 
 
+@pytest.mark.slow
 def test_a_record_that_is_never_quiet_is_one_piece():
     rng = np.random.default_rng(2)
     for u in (np.repeat(rng.choice([-1.0, 1.0], N // 20), 20), rng.standard_normal(N).cumsum()):

@@ -299,6 +299,7 @@ def test_a_model_of_the_right_order_leaves_no_equation_error():
 @both_holds
 @all_terms
 @pytest.mark.parametrize("weights", [None, WEIGHTS])
+@pytest.mark.fast("weights1-offset-*", "None-at rest-zoh")
 def test_series_model_is_least_squares_on_the_models_output(intersample, terms, weights):
     """``W_0 = 1`` and Laguerre operators behind ``y_0``; one beta, or one for each output."""
     operators = Laguerre(0.9, 2)

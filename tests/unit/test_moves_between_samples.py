@@ -38,6 +38,7 @@ def said_between(estimate):
     return [one for one in estimate.findings if one.code == "intersample" and one.matters]
 
 
+@pytest.mark.slow
 def test_with_little_noise_the_coefficients_are_those_of_the_plant():
     record, truth, _ = manoeuvre(1, snr=60.0)
     found = identify(record, Structure(2, 1))

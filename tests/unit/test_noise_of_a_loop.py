@@ -53,6 +53,7 @@ def far(part, truth):
     return float(np.std(part.inputs[:, 0] - truth) / np.std(truth))
 
 
+@pytest.mark.slow
 def test_the_noise_between_samples_colours_what_the_plant_leaves(noisy):
     record, v, _ = noisy
     left = residual(Loop(driven(record, between=True), "continuous"))[:, 0]

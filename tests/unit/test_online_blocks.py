@@ -204,6 +204,7 @@ def test_a_start_is_kept_until_the_samples_tell_the_poles():
     assert alarms == 0
 
 
+@pytest.mark.slow
 def test_an_initial_state_that_is_long_forgotten_does_no_harm():
     """Its weight vanished, after some five hundred memories, and the estimate with it."""
     u, y = samples(10, 1, "plain", 80_000)

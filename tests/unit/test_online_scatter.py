@@ -190,6 +190,7 @@ def test_bands_hold_with_coloured_noise():
     assert changes <= 30
 
 
+@pytest.mark.slow
 def test_a_change_among_the_kept_samples_is_not_taken_for_usual():
     record = noisy(30, coloured=False, count=1800)
     other = simulate(TransferFunction([3.0], [1.0, 4.0, 6.0]), record)

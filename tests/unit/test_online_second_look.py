@@ -47,6 +47,7 @@ def test_white_noise_keeps_its_errors():
     assert np.array_equal(found, cov)
 
 
+@pytest.mark.slow
 def test_an_answer_that_a_slow_disturbance_has_bent_is_not_called_sure():
     kept = samples(2, 700, 0, 0.4)
     theta, cov = white_answer(kept)

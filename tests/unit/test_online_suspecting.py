@@ -58,8 +58,8 @@ def alarm(state):
 
 
 # ------------------------------------------------------------------------------ a false alarm
+@pytest.mark.slow
 @every_method
-@pytest.mark.fast("gradient", "kalman")
 def test_a_false_alarm_is_dropped_and_leaves_the_estimate_alone(key):
     """Before, every alarm was believed, and the samples until then were lost."""
     method = METHODS[key]
@@ -83,8 +83,8 @@ def test_a_false_alarm_is_dropped_and_leaves_the_estimate_alone(key):
         assert _usual(alarmed, scale) >= _usual(after, scale)
 
 
+@pytest.mark.slow
 @every_method
-@pytest.mark.fast("kalman")
 def test_an_alarm_that_a_look_did_not_confirm_is_a_note(key):
     method = METHODS[key]
     u, y = samples(1, 3400)
@@ -162,6 +162,7 @@ def test_a_change_that_is_only_flagged_is_flagged_once(key):
     assert len(kept_samples(state)) <= MOST_KEPT + 64
 
 
+@pytest.mark.slow
 def test_a_filter_that_was_given_stays_and_what_comes_after_a_change_is_of_the_samples_since():
     method = online.RecursiveLeastSquares(filter=(1.0, 4.0, 12.0), on_change="restart")
     u, y = samples(7, 6000, noise=0.01, second=OTHER, when=3000)
@@ -244,8 +245,8 @@ def test_room_for_samples_is_that_of_a_plan_made_with_it(key):
     assert np.array_equal(back[at:], state.values[at:], equal_nan=True)
 
 
+@pytest.mark.slow
 @every_method
-@pytest.mark.fast("kalman")
 def test_a_suspicion_goes_on_from_a_file(key, tmp_path):
     method = METHODS[key]
     u, y = samples(11, 3400)
@@ -259,8 +260,8 @@ def test_a_suspicion_goes_on_from_a_file(key, tmp_path):
     assert all(map(np.array_equal, one.stage.extra, two.stage.extra))
 
 
+@pytest.mark.slow
 @every_method
-@pytest.mark.fast("least squares")
 def test_samples_and_blocks_are_the_same_stream_through_a_suspicion(key):
     method = METHODS[key]
     u, y = samples(12, 3300)
@@ -272,8 +273,8 @@ def test_samples_and_blocks_are_the_same_stream_through_a_suspicion(key):
 
 
 # ------------------------------------------------------------------------------ coloured noise
+@pytest.mark.slow
 @pytest.mark.parametrize("key", ["least squares", "kalman"])
-@pytest.mark.fast("kalman")
 def test_the_bias_of_an_equation_error_in_coloured_noise_is_told(key):
     u, y = samples(14, 4000, noise=0.02)
     plain = METHODS[key].estimate(fed(METHODS[key], u, y))

@@ -82,6 +82,7 @@ def test_no_step_takes_five_milliseconds():
     assert min(stepped(online.ThreeModel(), u, y)[0].max() for _ in range(5)) < SLOWEST
 
 
+@pytest.mark.slow
 def test_what_another_future_did_to_a_search_changes_nothing():
     u, y = samples(2, 400)
     method = online.ThreeModel()
@@ -244,6 +245,7 @@ def test_no_estimate_before_the_input_has_moved_the_plant():
     assert repr(run).endswith(f" times, 2000 samples, {run.estimate!r})")
 
 
+@pytest.mark.slow
 def test_findings_of_samples_and_noise():
     u, y = samples(13, 1500)
     y = y + 0.3 * coloured(14, 1500)

@@ -75,10 +75,10 @@ def warned(state):
     return [one.code for one in state.method.estimate(state).findings if one.severity == "warning"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "code"), [(late, "unmodelled-response"), (limited, "nonlinear"), (plant, None)]
 )
-@pytest.mark.fast("late-unmodelled-response", "plant-None")
 def test_it_is_said_when_the_samples_are_gone(kind, code, tmp_path):
     *_, state = passed(kind, 11, 1500)
     assert (state.stage.doubt and state.stage.doubt.code) == code
@@ -126,6 +126,7 @@ def pending(states):
     return np.mean([v[slots.SUSPECT] > 0.0 and v[slots.SUSPECT] != v[slots.LOOK] for v in x])
 
 
+@pytest.mark.slow
 def test_coloured_noise_is_usual_when_the_bank_has_moved():
     """What the scores scatter by is known before the bank moves, and no alarm after it."""
     share = pending(list(passed(plant, 11))[1200:])
@@ -148,10 +149,10 @@ def test_a_memory_does_not_lose_it_while_samples_are_kept(count):
     assert "unmodelled-response" in warned(state)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "code"), [(late, "unmodelled-response"), (limited, "nonlinear"), (plant, None)]
 )
-@pytest.mark.fast("late-unmodelled-response")
 def test_the_gradient_rule_says_it(kind, code):
     u, y = recorded(kind, 11, 2400)
     method = online.Gradient()

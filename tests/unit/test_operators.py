@@ -48,6 +48,7 @@ def test_with_one_added_both_span_the_same_space():
     assert np.max(np.abs(left)) < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bank", [Kautz(-0.5 + 3j, 3), GeneralizedBasis((-5, -1 - 2j, -1 + 2j))])
 def test_functions_are_orthonormal_on_the_imaginary_axis(bank):
     # omega = tan(angle) turns the axis into a circle, on which the rectangle rule is exact enough

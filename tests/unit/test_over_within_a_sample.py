@@ -22,6 +22,7 @@ def told(
 
 
 @pytest.mark.parametrize("seed", range(3))
+@pytest.mark.fast("1")
 def test_a_needless_pole_faster_than_the_samples_is_told(seed):
     lag = TransferFunction([0.8], [1.0, 0.5])
     codes, against = told(seed, lag, Structure(2, 0), 0.1)

@@ -50,6 +50,7 @@ def found():
     return estimate_physical(mass_spring_damper(), record_of(PLANT, 1))
 
 
+@pytest.mark.slow
 @pytest.mark.undrawn
 def test_physical_parameters_stand_first_and_what_speaks_against_the_map_too(found, tmp_path):
     path = write_physical_report(found, record_of(PLANT, 1), tmp_path / "r.html", figures=tmp_path)
@@ -87,6 +88,7 @@ def selected():
     return record, select_structure(record, [Structure(1, 0), Structure(2, 0), Structure(3, 0)])
 
 
+@pytest.mark.slow
 @pytest.mark.undrawn
 def test_a_selection_shows_the_recommended_model_and_all_candidates(tmp_path):
     record, selection = selected()
@@ -117,6 +119,7 @@ def test_a_selection_without_a_recommendation_says_why(tmp_path):
     assert "nothing can be estimated" in first
 
 
+@pytest.mark.slow
 @pytest.mark.undrawn
 def test_a_validation_shows_the_fit_with_an_offset_of_the_record_itself(tmp_path):
     estimate = identify(record_of(PLANT, 1), Structure(2, 0))

@@ -86,6 +86,7 @@ def test_noise_free_records_give_the_truth(model, values, dt, known):
 
 
 @pytest.mark.parametrize("fit", ["likelihood", "distance"])
+@pytest.mark.fast("distance")
 def test_a_map_that_is_one_to_one_is_solved_with_the_delta_method(fit):
     model = mass_spring_damper()
     record = flown(model, OSCILLATOR, 0.05, noise=0.05)
@@ -116,12 +117,14 @@ def test_the_restriction_of_a_short_period_is_tested():
     assert np.all(false.fit < false.estimate.fit)
 
 
+@pytest.mark.slow
 def test_the_restriction_makes_the_estimate_sharper():
     record = flown(short_period(), AIRCRAFT, 0.02, noise=0.1)
     estimate = estimate_physical(resting(short_period()), record, WHITE)
     assert np.all(np.sqrt(np.diag(estimate.theta_cov)) < 1.001 * estimate.estimate.std)
 
 
+@pytest.mark.slow
 def test_likelihood_and_distance_agree_where_there_is_little_noise():
     record = flown(short_period(), AIRCRAFT, 0.02, noise=0.01)
     estimate = estimate_physical(resting(short_period()), record, WHITE)
@@ -129,6 +132,7 @@ def test_likelihood_and_distance_agree_where_there_is_little_noise():
     assert np.any(estimate.values != estimate.by_distance)
 
 
+@pytest.mark.slow
 def test_the_likelihood_is_at_its_maximum():
     """No parameter moved either way leaves a smaller output error, by simulation alone."""
     record = flown(short_period(), AIRCRAFT, 0.02, noise=0.2)
@@ -144,8 +148,8 @@ def test_the_likelihood_is_at_its_maximum():
         assert lowest < low < full
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("offset", "state"), [(True, "free"), (True, "rest"), (False, "free")])
-@pytest.mark.fast("True-free")
 def test_nuisance_terms_are_eliminated(offset, state):
     model = short_period()
     structure = Structure(2, [[1], [1]], offset=offset, initial_state=state)
@@ -184,6 +188,7 @@ def test_delays_and_uneven_time_belong_to_the_model(state):
     assert estimate.fit[0] == pytest.approx(estimate.estimate.fit[0], abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_robust_loss_ends_on_the_least_distance():
     record = flown(mass_spring_damper(), OSCILLATOR, 0.05, noise=0.02)
     y = np.array(record.y)
@@ -197,8 +202,8 @@ def test_a_robust_loss_ends_on_the_least_distance():
     assert np.all(np.abs(estimate.values - list(OSCILLATOR.values())) < 4 * estimate.std)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", ["huber", "student"])
-@pytest.mark.fast("huber")
 def test_fits_under_a_robust_loss_count_the_same_samples(loss):
     record = flown(mass_spring_damper(), OSCILLATOR, 0.05, noise=0.02, offset=0.3)
     y = np.array(record.y)
@@ -210,6 +215,7 @@ def test_fits_under_a_robust_loss_count_the_same_samples(loss):
     assert estimate.fit == pytest.approx(estimate.estimate.fit, abs=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.judged
 def test_cautions_of_the_estimate_are_shown():
     record = flown(mass_spring_damper(), OSCILLATOR, 0.05, noise=0.02)
@@ -290,6 +296,7 @@ def test_what_is_not_determined_is_nan_and_said():
     assert "not determined" in estimate.summary()
 
 
+@pytest.mark.slow
 def test_the_error_of_what_is_known_is_carried_over():
     record = flown(rc_circuit(), {"R": 2e4, "C": 3e-7}, 1e-3, noise=0.02)
     exact = estimate_physical(resting(rc_circuit()), record, WHITE, known={"R": 2e4})
@@ -302,6 +309,7 @@ def test_the_error_of_what_is_known_is_carried_over():
     assert given.parameters["C"].relative_std == pytest.approx(expected, rel=0.02)
 
 
+@pytest.mark.slow
 def test_what_is_known_is_improved_where_the_record_knows_better():
     model = mass_spring_damper()
     record = flown(model, OSCILLATOR, 0.05, noise=0.05)
@@ -316,6 +324,7 @@ def test_what_is_known_is_improved_where_the_record_knows_better():
     assert equal.freedom == 1
 
 
+@pytest.mark.slow
 def test_knowledge_that_contradicts_the_record_is_told():
     model = mass_spring_damper()
     record = flown(model, OSCILLATOR, 0.05, noise=0.05)
@@ -324,6 +333,7 @@ def test_knowledge_that_contradicts_the_record_is_told():
     assert estimate.p_value < 1e-6
 
 
+@pytest.mark.slow
 def test_another_solution_is_told():
     model = rcrc_circuit(buffered=True)
     record = flown(model, LADDER, 2e-4, noise=0.02, n=1000)
@@ -335,6 +345,7 @@ def test_another_solution_is_told():
     assert any(note.startswith("these explain the record as well") for note in estimate.notes)
 
 
+@pytest.mark.slow
 def test_of_equal_solutions_the_nearest_to_the_guesses_is_taken():
     """Electrical and mechanical time constant exchanged: far from the guesses, but as good."""
     record = flown(dc_motor(), MOTOR, 2e-4, noise=0.02)
@@ -390,6 +401,7 @@ def test_knowledge_of_no_use_is_refused(known):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_channels_are_found_by_name():
     given = flown(short_period(), AIRCRAFT, 0.02, noise=0.05)
     swapped = Record(given.u, given.y[:, ::-1], dt=0.02, input_names=["de"],

@@ -111,9 +111,9 @@ def test_notes_hold_everywhere(name, seed):
     assert identifiability(model, values, known).lines() == expected
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ladder", "motor, speed", "motor, current", "short period"])
 @given(seed=st.integers(0, 10_000))
-@pytest.mark.fast("ladder")
 def test_notes_do_not_depend_on_units(name, seed):
     model, known, expected = NOTES[name]
     units = np.random.default_rng(seed).integers(-9, 10, len(model.names))

@@ -85,6 +85,7 @@ def drawn(model, seed):
 
 @pytest.mark.parametrize("name", MODELS)
 @given(seed=st.integers(0, 10_000))
+@pytest.mark.fast("Dutch roll", "motor current")
 def test_the_map_is_the_transfer_function_of_the_state_equation(name, seed):
     model, states = MODELS[name]
     values = drawn(model, seed)
@@ -101,6 +102,7 @@ def test_the_map_is_the_transfer_function_of_the_state_equation(name, seed):
 
 @pytest.mark.parametrize("name", MODELS)
 @given(seed=st.integers(0, 10_000))
+@pytest.mark.fast("oscillator", "rc", "buffered")
 def test_differences_are_the_derivatives(name, seed):
     """Against complex steps, which have no truncation error to speak of."""
     model, _ = MODELS[name]

@@ -35,6 +35,7 @@ def of(case):
 
 
 # --------------------------------------------------------------------------------- pyplot
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "draw",
     [
@@ -47,7 +48,6 @@ def of(case):
         *(lambda case, f=f: f(case.estimate) for f, _ in SEVERAL.values()),
     ],
 )
-@pytest.mark.fast("<lambda>0", "<lambda>4")
 def test_pyplot_has_the_figure(single, draw, tmp_path):
     assert plt.get_fignums() == []
     picture = draw(single)
@@ -73,6 +73,7 @@ def test_given_axes_open_no_figure(single):
     assert plots.plot_step(single.estimate, axes=part.subplots()).figure is part.figure
 
 
+@pytest.mark.slow
 @pytest.mark.undrawn
 def test_what_goes_into_files_stays_out_of_pyplot(single, tmp_path):
     write_report(single.estimate, single.record, tmp_path / "r.html", figures=tmp_path)
@@ -144,6 +145,7 @@ def test_several_models_have_names_and_colours_of_their_own(single, name):
 
 
 @pytest.mark.parametrize("name", SEVERAL)
+@pytest.mark.fast("impulse", "pole_zero", "bode")
 def test_a_transfer_function_alone_is_drawn_without_a_band(single, name):
     draw, count = SEVERAL[name]
     model = single.estimate.model
@@ -278,6 +280,7 @@ def test_arguments_in_the_order_of_other_packages(single):
 
 
 # ----------------------------------------------------------------- what an estimate can be asked
+@pytest.mark.slow
 @pytest.mark.undrawn
 def test_an_estimate_and_a_model_draw_themselves(single, tmp_path):
     estimate, model = single.estimate, single.estimate.model

@@ -64,6 +64,7 @@ def test_poor_points_are_faded(record):
     assert coherence.get_ylabel() == "coherence"
 
 
+@pytest.mark.slow
 def test_the_report_shows_what_was_measured(record, estimate):
     bode = next(one for one in draw_figures(estimate, [record]) if one.stem == "bode")
     assert "measured without a model" in bode.caption

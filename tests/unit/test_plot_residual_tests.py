@@ -28,6 +28,7 @@ def validation():
     return validate(estimate, pair)
 
 
+@pytest.mark.slow
 def test_each_test_has_its_axes_and_labels(validation):
     axes = plot_residual_tests(validation)
     axes[0].figure.canvas.draw()

@@ -48,6 +48,7 @@ def _texts_overlap(labels):
     return any(a.overlaps(b) for k, a in enumerate(boxes) for b in boxes[k + 1 :])
 
 
+@pytest.mark.slow
 def test_twenty_candidates_are_readable_and_one_is_marked(table):
     axes = plot_selection(table)
     axes[0].figure.canvas.draw()
@@ -72,6 +73,7 @@ def test_criteria_count_from_their_lowest(table):
     assert np.nanmax(heights) == pytest.approx(1.1 * 10.0**3)
 
 
+@pytest.mark.slow
 def test_one_candidate_alone_and_a_table_of_failures_can_be_drawn(table):
     for rows in (table.rows[9:10], table.rows[7:8]):
         axes = plot_selection(dataclasses.replace(table, rows=rows, recommended=None))

@@ -31,6 +31,7 @@ def test_a_pulse_is_drawn_as_a_curve():
     assert len(axes[1].lines[0].get_xdata()) > 60
 
 
+@pytest.mark.slow
 def test_the_optimal_spectrum_shows_power_and_certificate_of_every_input():
     best = optimal_spectrum(PLANT, limit=[1.0, 2.0])
     axes = plot_spectrum(best)

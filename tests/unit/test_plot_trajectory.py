@@ -44,6 +44,7 @@ def lines(ax):
     return {line.get_label(): line for line in ax.get_lines()}
 
 
+@pytest.mark.slow
 def test_the_picture_has_an_axes_a_coefficient_and_one_for_flags(run):
     axes = plots.plot_trajectory(run)
     assert len(axes) == 4

@@ -45,6 +45,7 @@ def test_a_picture_makes_its_axes_and_labels_them(double, name):
 
 
 @pytest.mark.parametrize("name", PICTURES)
+@pytest.mark.fast("record", "fit")
 def test_a_picture_draws_on_given_axes(double, name):
     from matplotlib.figure import Figure
 
@@ -54,6 +55,7 @@ def test_a_picture_draws_on_given_axes(double, name):
         PICTURES[name](double, given[:1])
 
 
+@pytest.mark.slow
 def test_a_plotting_library_is_loaded_by_the_first_picture():
     code = (
         "import sys, tridentify; assert tridentify.plots.__name__ == 'tridentify.plots'\n"
@@ -151,6 +153,7 @@ def test_the_model_lies_thin_upon_a_long_record(single):
         assert (recorded.get_marker() == ".") != thinner
 
 
+@pytest.mark.slow
 def test_bode_scale_follows_the_line_and_not_a_wild_band(single):
     wild = dataclasses.replace(single.estimate, cov=np.eye(3) * 1e6)
     for ax, wildest in zip(plots.plot_bode(wild), (200.0, 720.0), strict=True):
@@ -175,8 +178,8 @@ def test_default_frequencies_resolve_a_resonance(single):
     assert np.all(np.diff(grid) > 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("den", [[1.0, 0.0], [1.0, 2.0, 1.0], [1.0, 0.0, 0.0]])
-@pytest.mark.fast("den0")
 def test_integrators_and_repeated_poles_can_be_drawn(single, den):
     n = len(den) - 1
     names = (*(f"a{k}" for k in reversed(range(n))), "b0")
@@ -206,6 +209,7 @@ def test_pole_zero_map_marks_every_near_root(double):
 
 
 @pytest.mark.parametrize("factor", [1e-6, 1e-4, 1.0, 1e5])
+@pytest.mark.fast("100000.0")
 def test_tick_labels_of_the_map_do_not_overlap(single, factor):
     scale = factor ** np.array([1.0, 2.0, 2.0])
     estimate = dataclasses.replace(
@@ -241,6 +245,7 @@ def test_convergence_measures_in_standard_errors(single):
 
 
 @pytest.mark.parametrize("steps", [0, 1])
+@pytest.mark.fast("0")
 def test_convergence_of_hardly_any_pass(single, steps):
     passes = tuple(
         dataclasses.replace(item, steps=(Step("series", [1.0], 1.0, 1.0),))

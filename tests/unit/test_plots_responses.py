@@ -244,6 +244,7 @@ def test_ellipses_of_the_response_hold_their_share_of_draws(single):
         assert np.mean(inside) == pytest.approx(0.95, abs=0.015)
 
 
+@pytest.mark.slow
 def test_critical_point_is_marked_where_the_frame_has_it(single):
     def told(gain):
         (ax,) = plots.plot_nyquist(with_model(single, [gain], [1.0, 1.0, 3.0]))
@@ -277,6 +278,7 @@ def test_frequencies_of_a_fast_system_are_written_with_one_power_of_ten(single):
     assert 0.01 < min(numbers) < max(numbers) < 100
 
 
+@pytest.mark.slow
 def test_posterior_mean_shows_its_draws(single):
     rng = np.random.default_rng(4)
     draws = single.estimate.theta * np.exp(0.3 * rng.standard_normal((200, 3)))
@@ -324,6 +326,7 @@ def renamed(case):
     return found, Record(case.record.u, case.record.y, dt=0.02, units=units, **channels)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "draw",
     [
@@ -336,7 +339,6 @@ def renamed(case):
         lambda estimate, record: plots.plot_comparison([estimate]),
     ],
 )
-@pytest.mark.fast("plot_residual")
 def test_long_names_neither_overlap_nor_leave_any_picture(double, draw):
     axes = draw(*renamed(double))
     assert overlaps(axes[0].figure) == []

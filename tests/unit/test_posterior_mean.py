@@ -317,6 +317,7 @@ def test_the_same_record_gives_the_same_draws(short):
 
 
 @pytest.mark.parametrize("factor", [1e6, 1e-6])
+@pytest.mark.fast("1e-06")
 def test_another_unit_of_time_scales_the_mean(short, factor):
     record, estimate = short
     slow = run(Record(record.u, record.y, dt=DT * factor))
@@ -327,6 +328,7 @@ def test_another_unit_of_time_scales_the_mean(short, factor):
 
 
 @pytest.mark.parametrize("factor", [1e3, 1e-9])
+@pytest.mark.fast("1e-09")
 def test_another_unit_of_the_output_scales_the_numerator(short, factor):
     record, estimate = short
     other = run(Record(record.u, factor * record.y, dt=DT))
@@ -337,6 +339,7 @@ def test_another_unit_of_the_output_scales_the_numerator(short, factor):
 
 
 @pytest.mark.parametrize("factor", [1e4, -1e-4])
+@pytest.mark.fast("10000.0")
 def test_another_unit_of_the_input_scales_the_numerator_back(short, factor):
     record, estimate = short
     other = run(Record(factor * record.u, record.y, dt=DT))
@@ -372,8 +375,8 @@ def late_motor():
     return Record(u, clean + 0.02 * clean.std() * rng.standard_normal(1500), dt=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("finish", ["auto", "posterior"])
-@pytest.mark.fast("auto")
 def test_the_mean_of_models_on_a_curve_explains_the_record(finish):
     found = identify(late_motor(), Structure(4, 3), ThreeModel(finish=finish))
     assert found.fit[0] > 97.8
@@ -436,6 +439,7 @@ def test_a_well_identified_record_stays_on_the_maximum(seed):
     assert mean.std == pytest.approx(auto.std, rel=0.2)
 
 
+@pytest.mark.slow
 def test_a_short_noisy_record_leaves_it_and_says_why():
     estimate = run(noisy(3.0, 1), "auto")
     assert estimate.status is Status.POSTERIOR_MEAN
@@ -476,6 +480,7 @@ def test_it_explains_the_record_nearly_as_well_as_the_maximum(unseen_pair):
     assert estimate.fit[0] > best.fit[0] - 0.1
 
 
+@pytest.mark.slow
 def test_a_mean_that_explains_the_record_worse_than_allowed_is_not_given(unseen_pair, monkeypatch):
     monkeypatch.setattr(weighing, "RIVAL", -1.0)
     found = run(unseen_pair[0], "auto", Structure(4, 3, **REST))

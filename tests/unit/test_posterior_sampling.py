@@ -149,6 +149,7 @@ def test_moments_of_two_distant_lobes(seed):
     assert share == pytest.approx(0.7, abs=4.0 * np.sqrt(0.21 / found.effective))
 
 
+@pytest.mark.slow
 def test_the_estimate_is_not_biased():
     """Over many seeds the mean is much nearer than one run's error allows."""
     runs = [sample(lobes, WIDE, 400, (150.0,) * 6, generator(seed)) for seed in range(60)]
@@ -158,6 +159,7 @@ def test_the_estimate_is_not_biased():
     assert np.all(error < 3.5 * means.std(axis=0) / np.sqrt(len(runs)) + 0.01)
 
 
+@pytest.mark.slow
 def test_effective_size_is_worth_what_it_says():
     """The scatter over seeds is that of so many independent draws, within a factor of two."""
     runs = [sample(lobes, WIDE, 400, (150.0,) * 6, generator(seed)) for seed in range(60)]

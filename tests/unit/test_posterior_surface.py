@@ -209,6 +209,7 @@ def powers(problem):
 
 
 @every_case
+@pytest.mark.fast("first order, direct", "first order", "direct", "zero")
 def test_density_is_the_dense_one_up_to_a_constant(name):
     problem, phi = case(name)
     found = surface(problem, phi).log_density

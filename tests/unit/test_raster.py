@@ -44,10 +44,10 @@ def test_jitter_keeps_the_noise_model(uniform):
     assert estimate.std == pytest.approx(uniform.std, rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.judged
 @pytest.mark.judged
 @pytest.mark.parametrize("seed", range(4))
-@pytest.mark.fast("0")
 def test_what_a_noise_model_stands_for_is_no_objection(seed):
     """Stamps that jitter leave the noise its model, and the residual is judged by it."""
     rng = np.random.default_rng([seed, 63])

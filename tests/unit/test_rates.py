@@ -44,6 +44,7 @@ def test_slow_outputs_are_the_fast_ones_at_their_instants(intersample):
 
 @pytest.mark.parametrize("intersample", ["zoh", "foh"])
 @pytest.mark.parametrize(("y_dt", "y_start"), [(0.07, 0.0), (0.1, 0.013), (0.02, 0.0)])
+@pytest.mark.fast("0.07-0.0-foh", "0.07-0.0-zoh")
 def test_rates_without_a_common_multiple_are_exact(intersample, y_dt, y_start):
     """Outputs between the inputs: the truth without noise, from the instants of both."""
     u = binary(400)
@@ -211,6 +212,7 @@ def test_a_constant_stays_a_constant():
 
 @pytest.mark.parametrize("method", [ThreeModel(), OutputError()], ids=["ThreeModel", "OutputError"])
 @pytest.mark.parametrize("delay", [0.0, 0.137])
+@pytest.mark.fast("0.137-OutputError", "0.0-OutputError")
 def test_a_band_limited_record_gives_the_truth(method, delay):
     """Output in closed form; straight lines between the samples would be biased."""
     h, n = 0.25, 600

@@ -160,6 +160,7 @@ class Payload:
         return (os.mkdir, (str(self.path),))
 
 
+@pytest.mark.slow
 @pytest.mark.isolated
 def test_a_pickle_in_an_archive_is_never_executed(tmp_path: Path) -> None:
     mark = tmp_path / "executed"
@@ -198,8 +199,8 @@ def test_an_archive_that_unpacks_to_more_than_memory_is_refused(
         read_record(path, dt=1.0, inputs=["u"], outputs=["y"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["parquet", "feather"])
-@pytest.mark.fast("feather")
 @pytest.mark.isolated
 def test_columns_that_unpack_to_more_than_memory_are_refused(
     tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch

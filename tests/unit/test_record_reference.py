@@ -380,6 +380,7 @@ def test_a_simulation_does_not_care() -> None:
     )
 
 
+@pytest.mark.slow
 def test_models_have_no_units_of_references(tmp_path: Path) -> None:
     t = 0.05 * np.arange(200)
     r = np.sign(np.sin(3.0 * t))

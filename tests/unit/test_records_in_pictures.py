@@ -63,6 +63,7 @@ def vague():
 
 
 # ------------------------------------------------------------------------------------------- gaps
+@pytest.mark.slow
 def test_no_line_is_drawn_across_a_gap(gapped):
     record, estimate = gapped
     fit = plots.plot_fit(estimate, record)[0].get_lines()
@@ -166,6 +167,7 @@ def test_a_delay_is_told_with_its_standard_error(gapped):
     assert "not uniform" in rows["record"]
 
 
+@pytest.mark.slow
 @pytest.mark.undrawn
 def test_settings_name_loss_outliers_experiments_and_channels(spiky, tmp_path):
     record, estimate = spiky

@@ -40,6 +40,7 @@ def loop_and_estimate():
         (Status.CONVERGED, "sampled", False),
     ],
 )
+@pytest.mark.fast("Status.AT_SAMPLING_LIMIT-continuous-False")
 def test_driven_inputs_are_found_anew_where_there_is_a_root(monkeypatch, status, kind, again):
     loop, estimate = loop_and_estimate()
     loop = replace(loop, sampling=kind)

@@ -66,6 +66,7 @@ PLANTS = {
 @pytest.mark.parametrize("case", PLANTS)
 @pytest.mark.parametrize("intersample", ["zoh", "foh"])
 @pytest.mark.parametrize("dt", [0.2, 0.05])
+@pytest.mark.fast("0.05-foh-direct term", "0.2-foh-direct term", "0.2-foh-short period")
 def test_joining_the_output_by_lines_does_not_move_the_end(case, intersample, dt):
     """The error of order dt^2 that state-variable filters leave is gone at the fixed point."""
     model, structure, truth = PLANTS[case]
@@ -137,6 +138,7 @@ def textbook_pass(theta, data):
     return np.linalg.solve(z.T @ phi, z.T @ second)
 
 
+@pytest.mark.slow
 def test_passes_end_where_those_of_the_textbook_do():
     data = record(noise=0.3)
     theta = TRUTH.copy()
@@ -203,6 +205,7 @@ def test_passes_that_run_out_are_not_called_converged():
         identify(data, REST, method)
 
 
+@pytest.mark.slow
 def test_unstable_pole_on_the_way_is_reflected_and_said():
     """Noise alone, three poles: some pass of some draw leaves the left half plane."""
     u, notes = levels(100, 5), []

@@ -44,6 +44,7 @@ def counted(monkeypatch):
     return made
 
 
+@pytest.mark.slow
 def test_validation_after_identification_is_the_judgement_that_came_with_it(counted):
     estimate = identify(RECORD, Structure(1, 0), QUICK, throw=False)
     assert len(counted) == 1

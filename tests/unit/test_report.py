@@ -176,6 +176,7 @@ def test_every_inline_figure_is_valid_svg_that_scales(page):
     assert len(clips) == len(set(clips))
 
 
+@pytest.mark.slow
 def test_foreign_text_is_escaped(single, tmp_path):
     names = {"input_names": ["<i>"], "output_names": ["a&b"]}
     record = Record(single.record.u, single.record.y, dt=0.02, name="<script>x", **names)
@@ -240,6 +241,7 @@ def test_a_residual_at_rounding_level_is_not_called_coloured(single):
         assert len(judged(single.estimate, [record])) == doubts
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("no_figures")
 def test_what_validation_finds_stands_first(single, tmp_path):
     late = np.roll(single.record.u[:, 0], 6)
@@ -327,6 +329,7 @@ def test_page_and_figures_together_are_those_apart_and_drawn_once(single, tmp_pa
     assert stages == ["testing the residual", "writing the report and the figures"]
 
 
+@pytest.mark.slow
 @pytest.mark.undrawn
 def test_figures_are_written_in_the_asked_formats(single, tmp_path):
     paths = save_figures(single.estimate, single.record, tmp_path / "f", formats=("png", "svg"))

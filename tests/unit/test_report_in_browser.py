@@ -154,6 +154,7 @@ def test_the_browser_has_nothing_to_complain_about(browser, page):
     assert document.count('class="enlarge"') == document.count("<figure") > 3
 
 
+@pytest.mark.slow
 def test_nothing_is_wider_than_the_window(seen):
     assert seen["scroll"] <= seen["width"]
     assert seen["beyond"] == []

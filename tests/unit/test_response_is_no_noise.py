@@ -46,6 +46,7 @@ def test_noise_of_a_right_model_is_noise(seed):
     assert whitened(ThreeModel().estimate([record], Structure(2, 1)))
 
 
+@pytest.mark.slow
 def test_a_model_of_the_noise_that_is_asked_for_is_made():
     plant = TransferFunction([1.0, 2.0], [1.0, 1.2, 4.0])
     record = stepped(plant, 250, (0.03, 0.0), 3)

@@ -89,6 +89,7 @@ def test_the_errors_are_widened_and_told():
     assert any("hangs on the model" in one for one in estimate.trace.decisions)
 
 
+@pytest.mark.slow
 def test_nothing_comes_back_where_the_samples_are_the_input():
     estimate = ThreeModel(controller="sampled").estimate([record_of(4)], STRUCTURE)
     assert not any("hangs on the model" in one for one in estimate.trace.decisions)
@@ -101,6 +102,7 @@ def test_little_comes_back_where_the_samples_tell_the_input(seed):
     assert np.sqrt(np.diag(back) / np.diag(held)).max() < 1.05
 
 
+@pytest.mark.slow
 def test_nothing_comes_back_of_a_root_that_was_not_found_with_a_model():
     record = record_of(5)
     near = partial(OutputError, max_passes=60)

@@ -59,6 +59,7 @@ def test_the_end_is_that_of_the_output_error_from_the_truth():
     assert np.all(np.abs(found.theta - [1.0, 3.0, 3.0]) < 5.0 * found.std)
 
 
+@pytest.mark.slow
 def test_coloured_noise_is_still_seen():
     record = noisy(PAIR, 2, noise=0.0)
     e = np.random.default_rng(3).standard_normal(record.n_samples)

@@ -63,6 +63,7 @@ def selection(record):
     return select_structure(record, CANDIDATES)
 
 
+@pytest.mark.slow
 def test_the_true_order_is_recommended_with_reasons(selection):
     assert selection.recommended is selection.rows[2]
     assert "2 poles and 1 zero" in selection.reason
@@ -290,6 +291,7 @@ def test_offset_and_start_are_the_same_for_all_candidates():
     assert [row.n_unknowns - len(row.estimate.names) for row in found.rows] == [2, 2]
 
 
+@pytest.mark.slow
 def test_other_methods_and_unknown_delays_stand_in_the_table_too(record):
     plain = select_structure(record, [Structure(2, 1), Structure(1, 0)], method=SvfLeastSquares())
     assert plain.rows[0].estimate.method == "SvfLeastSquares"

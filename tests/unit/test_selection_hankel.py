@@ -70,6 +70,7 @@ def test_the_order_counts_what_rises_above():
         hankel.values[0] = 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.unjudged
 def test_a_selection_carries_them_with_the_right_number():
     found = select_structure(record(0.02), [Structure(2, 1), Structure(1, 0)])

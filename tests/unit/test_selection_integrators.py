@@ -57,6 +57,7 @@ def level(seed: int, rate: float) -> Record:
     return Record(flow, height + 0.02 * rng.standard_normal(flow.size), dt=1.0, intersample="zoh")
 
 
+@pytest.mark.slow
 def test_a_level_has_a_pole_at_zero():
     found = select_structure(level(0, 0.0), [Structure(1, 0)], integrators=True)
     assert [row.label for row in found.rows] == ["1, 0", "1, 0, integrator"]
@@ -64,6 +65,7 @@ def test_a_level_has_a_pole_at_zero():
     assert found.recommended.estimate.parameters["b0"].value == pytest.approx(0.02, rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_leak_that_the_record_shows_stays():
     # a time constant of 400 s in 300 s, seen well
     record = level(0, 0.0025)

@@ -34,6 +34,7 @@ def assert_same(row, estimate, fit):
     assert row.fit == pytest.approx(fit, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_needless_pole_and_zero_are_what_identify_gives_in_any_company(record):
     alone = identify(record, LARGE)
     rows = [

@@ -123,6 +123,7 @@ def _trim(estimate, record):
 
 
 @SYSTEMS
+@pytest.mark.fast("shared")
 def test_a_record_cut_in_two_loses_nothing_but_the_states_at_the_cut(system):
     """The covariance is that of the whole with one more free response that begins at the cut."""
     _, _, states = system

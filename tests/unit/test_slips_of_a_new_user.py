@@ -93,6 +93,7 @@ def test_pairs_stand_for_structures(record, pair):
     assert (found.poles, found.zeros) == (1, 0)
 
 
+@pytest.mark.slow
 def test_pairs_are_candidates(record):
     few, quick = record.slice(0.0, 3.0), ThreeModel(starts=1, finish="likelihood")
     pairs = select_structure(few, [(1, 0), [2, 0]], method=quick)
@@ -288,6 +289,7 @@ def test_a_time_constant_of_a_pole_that_may_be_zero_is_not_determined(estimate):
 
 
 @pytest.mark.parametrize("structure", [None, (1, 0)])
+@pytest.mark.fast("structure1")
 def test_the_behaviour_that_was_taken_is_among_the_notes(record, structure):
     # too few samples for more than two poles: fewer candidates where no structure is given
     found = identify(record.slice(0.0, 34 * record.dt).between("auto"), structure)

@@ -130,8 +130,8 @@ def test_a_wrong_sample_or_what_comes_back_at_once_does_not_set_in(shape):
     assert not len(found.shocks)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [300, 304, 308])
-@pytest.mark.fast("304")
 def test_wrong_samples_near_one_another_set_nothing_in(seed):
     """Seen: beside the right bad samples, "a disturbance sets in: no sample is wrong"."""
     rng = np.random.default_rng([seed, 61])

@@ -70,6 +70,7 @@ def said(name: str, sampled: bool, stated: str, **how):
 UNSTABLE_ONES = [pytest.param("unstable", k, marks=pytest.mark.slow) for k in range(3, 9)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "seed"), [("stable", 3), *UNSTABLE_ONES])
 def test_sampled_and_stated_as_continuous(name, seed):
     """An answer beyond its intervals is an error; errors that allow for it leave a warning."""

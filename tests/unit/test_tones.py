@@ -36,6 +36,7 @@ def humming(seed, rate, size, colour=0.0):
 @pytest.mark.parametrize(
     ("seed", "rate", "seen"), [(1, 110.0, "50"), (2, 48.0, "2"), (3, 170.0, "50"), (4, 60.0, "10")]
 )
+@pytest.mark.fast("3-170.0-50")
 def test_hum_is_named_with_the_frequency_at_which_it_appears(seed, rate, seen):
     estimate = identify(humming(seed, rate, 0.2), Structure(2, 0))
     (found,) = [one for one in estimate.findings if one.code == "tone"]

@@ -41,6 +41,7 @@ def test_a_pole_that_is_missing_widens_the_errors():
     assert np.all(np.abs(white.theta - estimate.theta) < 2.001 * estimate.std)
 
 
+@pytest.mark.slow
 def test_the_draws_of_a_posterior_are_widened_as_well():
     estimate = ThreeModel().estimate([heated(3, 3.0)], Structure(2, 1))
     assert said(estimate)

@@ -95,6 +95,7 @@ def test_other_quantities_come_from_the_copies(case):
     assert np.all(band.low < band.high)
 
 
+@pytest.mark.slow
 def test_seed_and_workers(case):
     estimate, record, copies = case
     with ThreadPoolExecutor(1) as pool:
@@ -139,6 +140,7 @@ def test_progress_is_told(case):
     assert told == ["bootstrap: 1 of 3", "bootstrap: 2 of 3", "bootstrap: 3 of 3"]
 
 
+@pytest.mark.slow
 @pytest.mark.judged
 def test_failures_are_counted_and_named(case):
     estimate, record, _ = case
@@ -203,6 +205,7 @@ def test_what_was_decided_is_held():
     assert _held(coloured, ThreeModel(noise="white")).noise == "white"
 
 
+@pytest.mark.slow
 def test_copies_have_the_noise_of_each_experiment():
     model = TransferFunction([2.0], [1.0, 4.0])
     rng, records = np.random.default_rng(21), []

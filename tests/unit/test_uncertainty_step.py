@@ -113,6 +113,7 @@ def test_uneven_times_agree_with_even_ones():
     assert step_states(a, b, uneven) == pytest.approx(all_of_them, abs=1e-13)
 
 
+@pytest.mark.slow
 def test_band_holds_the_model_and_has_the_width_of_monte_carlo(double):
     band = uncertainty.step_band(double.estimate, T, level=0.9)
     rng = np.random.default_rng(3)

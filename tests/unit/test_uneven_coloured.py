@@ -19,6 +19,7 @@ def jittered(seed: int) -> Record:
     return Record(u, y + 0.1 * noise / np.std(noise), t=t)
 
 
+@pytest.mark.slow
 def test_the_errors_come_from_the_scores() -> None:
     assert ThreeModel().estimate([jittered(0)], Structure(2, 0)).errors == "scores"
 

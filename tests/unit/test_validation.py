@@ -141,6 +141,7 @@ def test_an_estimate_that_was_stored_is_judged_alike(estimate, record, right, tm
     assert [t.p_value for t in again.tests] == pytest.approx(values, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_what_is_given_back_can_be_read_and_kept(low):
     document = json.loads(json.dumps(low.to_dict(), allow_nan=False))
     assert document["ok"] is False

@@ -28,6 +28,7 @@ def foretold(record: Record, structure: Structure):
     return replace(found, route="direct", loop=LoopTaken("sampled", mirrored=True), findings=())
 
 
+@pytest.mark.slow
 @pytest.mark.unjudged
 def test_a_right_one_passes_on_its_own_record_and_on_another() -> None:
     own = record_of(SLOW, 1)

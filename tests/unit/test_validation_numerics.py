@@ -81,6 +81,7 @@ def test_the_moments_of_the_autocorrelation_are_exact(gaps):
             assert together == pytest.approx(pairs[-1])
 
 
+@pytest.mark.slow
 def test_a_noise_model_costs_the_statistic_its_degrees_of_freedom():
     rng = np.random.default_rng(3)
     total, none = [], np.zeros((400, 0))

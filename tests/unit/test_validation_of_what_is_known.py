@@ -16,6 +16,7 @@ N, DT = 400, 0.04
 PLANT = TransferFunction([-6.0, -5.5], [1.0, 2.1, 7.5])
 
 
+@pytest.mark.slow
 def test_four_poles_from_one_sine_are_not_called_right() -> None:
     """Their residual is white; their coefficients are known to several hundred percent."""
     rng = np.random.default_rng(0)

@@ -55,6 +55,7 @@ def test_an_output_that_follows_a_hammer_at_once_is_none():
     assert not without_wild_beginning([Record(u, y, dt=0.05)])[1]
 
 
+@pytest.mark.slow
 def test_what_is_not_looked_at_is_not_far():
     def plainly(y: np.ndarray) -> int:
         for n in range(min(10, int(0.05 * y.size)), 0, -1):
