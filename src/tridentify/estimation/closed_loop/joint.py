@@ -46,6 +46,7 @@ from tridentify.estimation.closed_loop.predictor import (
 from tridentify.estimation.closed_loop.unstable import FLOOR, STILL
 from tridentify.estimation.likelihood.setup.problem import FASTEST
 from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.extrapolation import extrapolated
 from tridentify.numerics.autoregression import Whitener
 from tridentify.numerics.information import aicc_price
 from tridentify.numerics.innovation_slopes import innovations_by
@@ -383,11 +384,9 @@ def _mixed(triangle: Array, change: Array, past: Sequence[tuple[Array, Array]]) 
     past : sequence of pairs of (n_unknowns,) arrays
         What was taken at the places before, the last one last, and the steps there.
     """
+    moves = np.column_stack([taken for taken, _ in past])
     steps = np.column_stack([*(own for _, own in past), change])
-    turns = np.diff(steps, axis=1)
-    ways = np.column_stack([taken for taken, _ in past]) + turns
-    share = np.linalg.lstsq(triangle @ turns, triangle @ change, rcond=1e-8)[0]
-    return np.asarray(change - ways @ share)
+    return extrapolated(moves, steps, triangle)
 
 
 def is_too_fast(plant: Plant, loops: Sequence[Loop]) -> bool:

@@ -40,6 +40,7 @@ from tridentify.estimation.closed_loop.driven import (
 from tridentify.estimation.closed_loop.unstable import autoregressive
 from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.extrapolation import extrapolated
 from tridentify.record.record import Record
 from tridentify.transfer_function import TransferFunction
 
@@ -51,6 +52,8 @@ TURNS = 40
 """Times that noise and weights are found in turn, at most."""
 SETTLED = 1e-4
 """Share of the noise that a turn still moves: well below the errors of the weights."""
+MEMORY = 5
+"""Turns from which the next one is extrapolated: the map has few slow directions."""
 PART = 0.5
 """Of the change that a turn asks for, taken: whole steps overshoot in loops of high gain."""
 
@@ -109,17 +112,28 @@ def _settled(loop: Loop, model: TransferFunction, left: Array, turn: _Turn) -> _
     """Noise and weights that agree with each other, for one rate; None where they run apart."""
     colour = _Colour.of(replace(loop, driven=turn.part), model, turn.order)
     all_of_it = left + made(loop, model)
+    at: list[Array] = []
+    asked: list[Array] = []
     for _ in range(TURNS):
         e = all_of_it - made(replace(loop, driven=turn.part), model)
         change = PART * (colour.noise(e - e.mean(axis=0), turn.on_noise) - turn.noise)
         if not np.isfinite(change).all() or np.abs(change).max() > np.abs(left).max():
             return None
-        following = _Turn.of(turn.part, turn.noise + change)
+        at.append(turn.noise)
+        asked.append(change)
+        following = _Turn.of(turn.part, _mixed(at[-MEMORY:], asked[-MEMORY:]))
         assert following is not None
         turn = following
         if np.linalg.norm(change) <= SETTLED * np.linalg.norm(turn.noise):
             break
     return turn
+
+
+def _mixed(at: list[Array], asked: list[Array]) -> Array:
+    """The next place, from the last ones and the changes that were asked for there."""
+    places, steps = (np.stack([one.ravel() for one in some], axis=1) for some in (at, asked))
+    step = extrapolated(np.diff(places, axis=1), steps)
+    return at[-1] + step.reshape(at[-1].shape)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ from tridentify.estimation.closed_loop.between_samples import Loop
 from tridentify.estimation.closed_loop.noise_driven import apart_from_noise, made
 from tridentify.estimation.methods.base import Method
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.extrapolation import extrapolated
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
@@ -142,16 +143,11 @@ def without_rest(loop: Loop, model: TransferFunction) -> Record:
 
 
 def _extrapolated(given: Sequence[Array], images: Sequence[Array], scale: Array) -> Array:
-    """Anderson's extrapolation of the last passes, in units of standard errors."""
+    """From the last passes, in units of standard errors."""
     depth = min(MEMORY, len(images), scale.size + 1)
-    x = np.array([one / scale for one in given[-depth:]])
-    g = np.array([one / scale for one in images[-depth:]])
-    rest = g - x
-    if depth == 1:
-        return images[-1]
-    steps = rest[1:] - rest[:-1]
-    weights = np.linalg.lstsq(steps.T, rest[-1], rcond=1e-8)[0]
-    return np.asarray((g[-1] - weights @ (g[1:] - g[:-1])) * scale)
+    x = np.column_stack(given[-depth:]) / scale[:, None]
+    steps = np.column_stack(images[-depth:]) / scale[:, None] - x
+    return np.asarray(given[-1] + scale * extrapolated(np.diff(x, axis=1), steps))
 
 
 def model_like(estimate: Estimate, theta: Array) -> TransferFunction:
