@@ -11,13 +11,15 @@ from tridentify.models.columns import Regression, drift_columns
 from tridentify.numerics.arrays import Array, Flags, Indices
 from tridentify.numerics.autoregression import gains
 from tridentify.numerics.interpolation import DEGREE
-from tridentify.numerics.kept import cached_property
+from tridentify.numerics.kept import cached_property, varied
 from tridentify.numerics.realization import Cascade
 from tridentify.numerics.sampled import Sampled
 
 MIDDLING = 8_192
 """Samples up to which an experiment is filtered along time, column by column: the columns of a few
 dozen states stay in the processor's near memory."""
+OF_SAMPLES = frozenset({"moments", "instants", "ramp", "sampled", "runs", "is_coloured", "leads"})
+"""What is the same whatever nuisance terms are estimated along (`Experiment.beside`)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +74,10 @@ class Experiment:
     def at_hand(self) -> bool:
         """Whether its samples are there."""
         return True
+
+    def beside(self, free: bool, offset: bool, drift: int) -> Experiment:
+        """The same samples with other nuisance terms."""
+        return varied(self, OF_SAMPLES, free=free, offset=offset, drift=drift)
 
     def reduced(self, bank: Cascade) -> Regression | None:
         """The triangle on a bank, where it is known without the samples."""

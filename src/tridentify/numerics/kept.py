@@ -47,6 +47,41 @@ else:
             return found
 
 
+def varied(whole: T, kept: frozenset[str], /, **changes: Any) -> T:
+    """A frozen dataclass with other fields, and what was worked out that they do not change.
+
+    `dataclasses.replace` forgets all that was worked out, and hands over every field on its own.
+
+    Parameters
+    ----------
+    whole : dataclass
+        Without checks of its own: none is made.
+    kept : frozenset of str
+        Properties, worked out or not, that are those of the new one.
+    **changes
+        Fields.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> @dataclass(frozen=True)
+    ... class Box:
+    ...     side: float
+    ...     colour: str
+    ...     @cached_property
+    ...     def area(self):
+    ...         return self.side**2
+    >>> box = Box(3.0, "red")
+    >>> box.area, vars(varied(box, frozenset({"area"}), colour="blue"))
+    (9.0, {'side': 3.0, 'colour': 'blue', 'area': 9.0})
+    """
+    fields, own = type(whole).__dataclass_fields__, vars(whole)  # type: ignore[attr-defined]
+    found = object.__new__(type(whole))
+    same = {name: own[name] for name in own if name in fields or name in kept}
+    vars(found).update(same | changes)
+    return found
+
+
 class Beside(Generic[T]):
     """What was worked out of an object and others: of the last one, and no longer than that lives.
 
@@ -108,4 +143,4 @@ class _Kept(Generic[T]):
 _NOTHING: _Kept[Any] = _Kept()
 
 
-__all__ = ["Beside", "cached_property"]
+__all__ = ["Beside", "cached_property", "varied"]

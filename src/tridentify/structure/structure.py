@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Any, Literal, cast
 
@@ -367,17 +368,8 @@ class Structure(Orders):
         """
         poles = self.poles_matrix(len(output_names), len(input_names))
         zeros = self.zeros_matrix(len(output_names), len(input_names))
-        several = len(output_names) * len(input_names) > 1
-        names = [f"a{k}" for k in reversed(range(poles[0][0]))] if self.shared else []
-        for i, output in enumerate(output_names):
-            for j, source in enumerate(input_names):
-                where = f"[{output},{source}]" if several else ""
-                if not self.shared:
-                    names += [f"a{k}{where}" for k in reversed(range(poles[i][j]))]
-                names += [f"b{k}{where}" for k in reversed(range(zeros[i][j] + 1))]
-        if self.delay == "free":
-            one = len(input_names) == 1
-            names += ["delay"] if one else [f"delay[{source}]" for source in input_names]
+        channels = tuple(input_names), tuple(output_names)
+        names = _named(poles, zeros, self.shared, self.delay == "free", *channels)
         existing = set(names)
         for name in self.known:
             # without channels at hand (the default names) a bracketed name cannot be judged
@@ -388,7 +380,7 @@ class Structure(Orders):
                     f"found {shown(name)} among what is known; expected one of {_listed(names)}; "
                     "correct the name"
                 )
-        return tuple(names)
+        return names
 
     def to_dict(self) -> dict[str, Any]:
         """Give plain numbers, text and lists, ready for JSON.
@@ -447,6 +439,29 @@ class Structure(Orders):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Structure.from_dict, (self.to_dict(),)
+
+
+@lru_cache(maxsize=64)
+def _named(
+    poles: Matrix[int],
+    zeros: Matrix[int],
+    shared: bool,
+    late: bool,
+    inputs: tuple[str, ...],
+    outputs: tuple[str, ...],
+) -> tuple[str, ...]:
+    """`Structure.names` of orders, whether or not the denominator is shared and delays are free."""
+    several = len(outputs) * len(inputs) > 1
+    names = [f"a{k}" for k in reversed(range(poles[0][0]))] if shared else []
+    for i, output in enumerate(outputs):
+        for j, source in enumerate(inputs):
+            where = f"[{output},{source}]" if several else ""
+            if not shared:
+                names += [f"a{k}{where}" for k in reversed(range(poles[i][j]))]
+            names += [f"b{k}{where}" for k in reversed(range(zeros[i][j] + 1))]
+    if late:
+        names += ["delay"] if len(inputs) == 1 else [f"delay[{source}]" for source in inputs]
+    return tuple(names)
 
 
 def _largest(orders: int | Sequence[Sequence[int]]) -> int:

@@ -149,7 +149,7 @@ def deciding(
         if light:
             at = partial(evaluate_variant, base, variants[k])
         patience, recorder = question.patience, Recorder()
-        settled = patience.settled(start.counts.sum())
+        settled = patience.settled(start.samples)
         steps = finishing(at, start, recorder, patience.most, settled)
         point, status, why = yield from steps
         point = point.carried_to(problem) if light else point
@@ -182,7 +182,7 @@ def _predict(
     if len(points) == 1:  # nothing is compared with it
         return [Predicted(points[0], criterion(points[0]))], seed
     exact = any(at_rounding(point) for point in points)
-    trusted = np.inf if exact else TRUSTED * float(points[0].counts.sum())
+    trusted = np.inf if exact else TRUSTED * points[0].samples
     promised = []
     for point in points:
         yield

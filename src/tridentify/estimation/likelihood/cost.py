@@ -50,7 +50,7 @@ from tridentify.estimation.likelihood.step import (
 )
 from tridentify.models.regression import Regression, regress
 from tridentify.numerics.arrays import Array, Complex
-from tridentify.numerics.kept import cached_property
+from tridentify.numerics.kept import cached_property, varied
 from tridentify.numerics.realization import roots_of
 
 FAR = 0.1
@@ -59,7 +59,10 @@ that of the end: 5 % of the residual. What is poor now may lead elsewhere, so no
 
 
 CARRIED = frozenset(
-    {"variance", "objective", "weights", "seen", "_decomposition", "_undamped", "aicc"}
+    {
+        *("variance", "objective", "weights", "seen", "_decomposition", "_undamped"),
+        *("aicc", "exact", "samples", "_by_output"),
+    }
 )
 """What `Point.carried_to` need not work out again."""
 
@@ -102,10 +105,7 @@ class Point(FittedPoint):
         """The same place in a problem of the same samples, orders and nuisance terms."""
         if problem is self.problem:
             return self
-        found = replace(self, problem=problem)
-        known = {name: value for name, value in vars(self).items() if name in CARRIED}
-        vars(found).update(known)
-        return found
+        return varied(self, CARRIED, problem=problem)
 
     @property
     def _scores(self) -> tuple[Array, Array]:
@@ -130,7 +130,7 @@ class Point(FittedPoint):
         if self.problem.limits is None and not is_slow:
             return found
         rows: Array = np.zeros((0, n))
-        if self._promised(found, 0.0) < FAR * float(self.counts.sum()):
+        if self._promised(found, 0.0) < FAR * self.samples:
             rows = conditions(self.branches, self.problem.slowest, n)
         kept, pulled = np.arange(n), np.zeros(len(rows), dtype=bool)
         while True:
@@ -231,7 +231,7 @@ class Point(FittedPoint):
 
     def _fall(self, fraction: float) -> float:
         """Fall of `objective` where the residual's square falls by a fraction of itself."""
-        return -float(self.counts.sum()) * float(np.log1p(-min(fraction, 1.0 - 1e-15)))
+        return -self.samples * float(np.log1p(-min(fraction, 1.0 - 1e-15)))
 
     def decrease(self, damping: float = 0.0) -> float:
         """The fall of `objective` that a step promises, for less than the step itself costs."""
@@ -244,7 +244,7 @@ class Point(FittedPoint):
     @property
     def is_far(self) -> bool:
         """Whether a step promises so much that the end cannot be seen from here."""
-        return self.decrease() > FAR * float(self.counts.sum())
+        return self.decrease() > FAR * self.samples
 
     def _promised(self, found: Decomposition, damping: float) -> float:
         # one by one: they are few

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -23,6 +22,7 @@ from tridentify.numerics.information import aicc_price
 from tridentify.numerics.kept import cached_property
 from tridentify.numerics.least_squares import Solution
 from tridentify.numerics.realization import Cascade, filter_map
+from tridentify.numerics.whiteness import is_white
 
 FLOOR = 1e-30
 """Share of the output's power added to a residual's: (1e-15)^2, its rounding. The logarithm of a
@@ -30,6 +30,9 @@ residual of nothing is a number then."""
 ROUNDING_SQUARED = 1e-22
 """Residual power over the output's below which it is rounding: 1e-11 of its size, some 1e5 times
 the rounding of one sample, as filters and solves add theirs."""
+TESTED = 200_000
+"""Samples of a residual on which whiteness is tested: correlations of 0.005 are seen with so
+many."""
 LEAST_VARIANCE = 1e-300
 """A residual of nothing counts as this: its logarithm is a number."""
 
@@ -108,6 +111,11 @@ class FittedPoint:
         """(n_outputs,) samples used."""
         return self.triangles.counts
 
+    @cached_property
+    def samples(self) -> float:
+        """Those of all outputs."""
+        return float(self.counts.sum())
+
     @property
     def rss(self) -> Array:
         """(n_outputs,) residual sums of squares."""
@@ -130,10 +138,9 @@ class FittedPoint:
 
     def aicc_after(self, decrease: float) -> float:
         """AICc after an expected fall of ``-2 log L``; residuals below rounding count as equal."""
-        n = float(self.counts.sum())
+        n = self.samples
         share, likelihood = math.exp(-decrease / n), 0.0
-        # one by one: they are few
-        for rss, count, size in self._by_output():
+        for rss, count, size in self._by_output:
             variance = share * rss / count + ROUNDING_SQUARED * size
             likelihood += count * (math.log(variance) if variance else -math.inf)
         k = self.problem.n_coefficients + self.problem.n_nuisance + self.problem.n_outputs
@@ -147,12 +154,13 @@ class FittedPoint:
     @cached_property
     def exact(self) -> tuple[bool, ...]:
         """Of each output, whether the residual is no more than rounding."""
-        return tuple(rss < ROUNDING_SQUARED * size * n for rss, n, size in self._by_output())
+        return tuple(rss < ROUNDING_SQUARED * size * n for rss, n, size in self._by_output)
 
-    def _by_output(self) -> Iterator[tuple[float, float, float]]:
-        """Residual sum of squares, samples, and mean square of every output."""
-        columns = self.rss, self.counts, self.problem.size
-        return zip(*(one.tolist() for one in columns), strict=True)
+    @cached_property
+    def _by_output(self) -> list[tuple[float, float, float]]:
+        """Residual sum of squares, samples, and mean square of every output: few, one by one."""
+        columns = self.rss.tolist(), self.counts.tolist(), self.problem.size.tolist()
+        return list(zip(*columns, strict=True))
 
     @property
     def inner(self) -> Cascade:
@@ -201,6 +209,12 @@ class FittedPoint:
     def _left(self, most: int | None) -> tuple[Array, ...]:
         pairs = zip(self.problem.experiments, self.outputs(most), strict=True)
         return tuple(experiment.y[:most] - fitted for experiment, fitted in pairs)
+
+    @cached_property
+    def white(self) -> tuple[bool, ...]:
+        """Of each output, whether its residual passes for white noise."""
+        residuals = self.standardised(TESTED)
+        return tuple(is_white([one[:, i] for one in residuals]) for i in range(self.counts.size))
 
     @cached_property
     def _every_residual(self) -> tuple[Array, ...]:

@@ -219,14 +219,15 @@ class Asked(NamedTuple):
 
 def asked_of(base: Problem, variants: Sequence[Variant], most: int) -> Asked | None:
     """The same for up to so many functions; None where machine code does not serve a choice."""
-    key = most, *variants
+    key = tuple(variants)
     if key not in base.charted:
-        base.charted[key] = _asked_of(base, variants, most)
+        base.charted[key] = _asked_of(base, variants)
     found: Asked | None = base.charted[key]
-    return found
+    return found and found._replace(prices=prices_of(base, variants, most))
 
 
-def _asked_of(base: Problem, variants: Sequence[Variant], most: int) -> Asked | None:
+def _asked_of(base: Problem, variants: Sequence[Variant]) -> Asked | None:
+    """But for the prices."""
     known, flat = given(base, None), base.flat
     if known is None or flat is None or any(given(base, one) is None for one in variants):
         return None
@@ -239,8 +240,8 @@ def _asked_of(base: Problem, variants: Sequence[Variant], most: int) -> Asked | 
         frees[v], kept[v, : len(own)] = variant.free, own
         if shifts(variant):
             constants[v] = [none if one is None else one for one in variant.constants]
-    prices, scales = prices_of(base, variants, most), np.stack([flat.counts, FLOOR * base.size])
-    return Asked(known, (frees, kept, constants), prices, scales)
+    scales = np.stack([flat.counts, FLOOR * base.size])
+    return Asked(known, (frees, kept, constants), np.zeros((0, 0)), scales)
 
 
 def prices_of(

@@ -14,12 +14,12 @@ from tridentify.estimation.likelihood.cost import (
     evaluate_variant,
     point_at,
 )
+from tridentify.estimation.likelihood.fitted_point import TESTED
 from tridentify.estimation.likelihood.minimum.levenberg_marquardt import (
     Recorder,
     at_rounding,
     finish,
 )
-from tridentify.estimation.likelihood.noise.noise_model import TESTED
 from tridentify.estimation.likelihood.setup.problem import Problem, Variant
 from tridentify.estimation.likelihood.setup.triangles import Triangles
 from tridentify.estimation.search.found import End

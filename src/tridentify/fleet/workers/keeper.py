@@ -184,7 +184,8 @@ class Keeper:
 
     def _blamed(self, item: Item, late: bool, seconds: float, mark: str) -> Outcome:
         """The outcome of a record whose child ended."""
-        mark = mark or item.trace()
+        # how far it came before it was ended is chance: of a file, what stands there
+        mark = item.trace() or mark
         if late:
             text = (
                 f"found no answer within {self.limits.seconds:g} s; expected one; raise the time "

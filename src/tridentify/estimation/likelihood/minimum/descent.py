@@ -120,7 +120,7 @@ class Descent:
             return point, taken
         from tridentify.estimation.likelihood.compiled.descent import descend
 
-        far, n_poles = FAR * float(counts.sum()), problem.n_poles
+        far, n_poles = FAR * point.samples, problem.n_poles
         scales = np.stack([counts, FLOOR * problem.power, exact * problem.size * counts])
         limits = limits_of(problem)
         rules = np.array([self.settled, IDLE, far, LEAST_BEND, MOST_BEND, APART, MOST_DAMPED])

@@ -212,7 +212,7 @@ def finishing(
     """`finish` in slices, one a step."""
     problem = point.problem
     if settled is None:
-        settled = Patience().settled(point.counts.sum())
+        settled = Patience().settled(point.samples)
     exact, now = 0, Descent(at, settled)
     while now.tried < most:
         point, taken = yield from now.running(point, most, ROUNDING_SQUARED)
@@ -231,7 +231,7 @@ def finishing(
         trial = at(poles) if delays is None else _late(at, poles, delays, problem)
         gain = _gain(point, trial)
         exact += at_rounding(trial)
-        if exact and (gain < SENSELESS * point.counts.sum() or exact > 3):
+        if exact and (gain < SENSELESS * point.samples or exact > 3):
             best = trial if gain > 0 else point
             return best, Status.CONVERGED, "the residual is down to rounding"
         if gain <= 0:

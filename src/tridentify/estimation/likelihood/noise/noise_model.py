@@ -28,6 +28,7 @@ import numpy as np
 from tridentify.errors import OptionError, TooFewSamplesError, UnsupportedError
 from tridentify.estimation.likelihood.cost import Point
 from tridentify.estimation.likelihood.curvature import taken
+from tridentify.estimation.likelihood.fitted_point import TESTED
 from tridentify.estimation.likelihood.minimum.levenberg_marquardt import (
     at_rounding,
 )
@@ -37,7 +38,7 @@ from tridentify.numerics.autoregression import (
     fit_autoregression,
     most_coefficients,
 )
-from tridentify.numerics.whiteness import input_share, is_white
+from tridentify.numerics.whiteness import input_share
 
 NoiseChoice = Literal["white", "ar", "auto"]
 
@@ -54,9 +55,6 @@ response, and not noise."""
 LONGEST_MODELLED = 20_000
 """Samples on which the share that follows the input is found, and up to which what the fit took
 from the residual's correlations is put back: beyond it that is less than their error."""
-TESTED = 200_000
-"""Samples of a residual on which whiteness is tested: correlations of 0.005 are seen with so
-many."""
 HARDLY = 0.1
 """Share of a residual that may follow the input for nothing but noise to be left: right models in
 coloured noise leave 0.04 at most, in 12 records; one to four poles for the heating record of the
@@ -145,8 +143,8 @@ def leaves_coloured_noise(point: Point) -> bool:
     """
     if refusal(point) is not None:
         return False
-    series = residual_series(point, TESTED)
-    tinted = [i for i, own in enumerate(series) if not is_white(own)]
+    tinted = [i for i, passes in enumerate(point.white) if not passes]
+    series = residual_series(point, TESTED) if tinted else []
     return bool(tinted) and not any(follows_input(point, i, series[i], HARDLY) for i in tinted)
 
 

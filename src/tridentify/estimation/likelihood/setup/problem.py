@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tridentify.models.flat_charts import FlatCharts
 from tridentify.models.regression import Experiment, Regression, restricted
 from tridentify.numerics.arrays import Array, Complex, Flags, Indices
-from tridentify.numerics.kept import cached_property
+from tridentify.numerics.kept import cached_property, varied
 from tridentify.numerics.realization import Cascade, denominator, sort_poles
 from tridentify.structure import Structure
 
@@ -32,6 +32,11 @@ told apart."""
 ON_A_STEP = 0.02
 """Steps from a whole one within which a delay counts as lying on the kink there: the slope jumps,
 so that steps end close to it and not on it."""
+
+OF_ORDERS = frozenset(
+    {"pattern", "n_coefficients", "n_states", "_places", "slowest", "nyquist", "fastest"}
+)
+"""What is the same whatever nuisance terms are estimated along (`Variant.problem`)."""
 
 REFLECTED = "reflected an unstable pole"
 TOO_FAST = "held a pole at the fastest the sampling can show"
@@ -321,10 +326,13 @@ class Problem:
     @cached_property
     def n_nuisance(self) -> int:
         """Number of nuisance terms over all experiments and outputs."""
-        states = sum(self.free_order(i) for i in range(self.n_outputs))
-        return sum(
-            states * e.free + self.n_outputs * (e.offset + e.drift) for e in self.experiments
-        )
+        states, outputs = self.n_states, self.n_outputs
+        return sum(states * e.free + outputs * (e.offset + e.drift) for e in self.experiments)
+
+    @cached_property
+    def n_states(self) -> int:
+        """Number of states that unknown initial states of all outputs have."""
+        return sum(self.free_order(i) for i in range(self.n_outputs))
 
     @property
     def noise(self) -> tuple[Array, ...]:
@@ -423,11 +431,8 @@ class Variant:
             ):
                 found = base.smaller[self] = base
                 return found
-            experiments = tuple(
-                replace(e, free=self.free, offset=self.offset, drift=self.drift)
-                for e in base.experiments
-            )
-            found = base.smaller[self] = replace(base, experiments=experiments)
+            experiments = tuple(e.beside(*own) for e in whole)
+            found = base.smaller[self] = varied(base, OF_ORDERS, experiments=experiments)
         return found
 
     def regressions(self, whole: Sequence[Regression], bank: Cascade) -> tuple[Regression, ...]:

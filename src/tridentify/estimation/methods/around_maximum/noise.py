@@ -35,9 +35,9 @@ from tridentify.estimation.answer.estimate import Status
 from tridentify.estimation.likelihood.choose_nuisance import Finished
 from tridentify.estimation.likelihood.cost import Point
 from tridentify.estimation.likelihood.curvature import Curvature, output_rss
+from tridentify.estimation.likelihood.fitted_point import TESTED
 from tridentify.estimation.likelihood.minimum.levenberg_marquardt import at_rounding, coefficients
 from tridentify.estimation.likelihood.noise.noise_model import (
-    TESTED,
     NoiseChoice,
     follows_input,
     noise_models,
@@ -51,7 +51,6 @@ from tridentify.estimation.methods.around_maximum.maximum import Maximum
 from tridentify.estimation.methods.around_maximum.turns import Turns, criterion_with_noise
 from tridentify.estimation.search.found import Starts
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.whiteness import is_white
 
 LOST = 10.0
 """Residual power over that with white weights from which whitening has led astray."""
@@ -169,8 +168,7 @@ def with_noise_model(
 
 def _coloured(first: Finished, *, asked: bool) -> Coloured | str:
     """Outputs whose noise may get a model; in words why none does."""
-    residuals = residual_series(first.point, TESTED)
-    tinted = tuple(asked or not is_white(series) for series in residuals)
+    tinted = tuple(asked or not passes for passes in first.point.white)
     if not any(tinted):
         return PASSED
     if asked:

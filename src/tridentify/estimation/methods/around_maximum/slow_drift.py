@@ -21,8 +21,9 @@ import numpy as np
 
 from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.likelihood.cost import Point
+from tridentify.estimation.likelihood.fitted_point import TESTED
 from tridentify.estimation.likelihood.minimum.levenberg_marquardt import at_rounding
-from tridentify.estimation.likelihood.noise.noise_model import TESTED, residual_series
+from tridentify.estimation.likelihood.noise.noise_model import residual_series
 from tridentify.estimation.likelihood.question import Question
 from tridentify.estimation.likelihood.setup.nuisance import build_base
 from tridentify.estimation.likelihood.thresholds import CLEARLY
@@ -31,7 +32,6 @@ from tridentify.estimation.methods.around_maximum.noise import FOLLOWED
 from tridentify.estimation.methods.around_maximum.turns import criterion_with_noise
 from tridentify.models.columns import drift_columns
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.whiteness import is_white
 from tridentify.record.checks.orders import HIGHEST_DRIFT
 
 HIGHEST = HIGHEST_DRIFT + 1
@@ -89,8 +89,10 @@ def drifting(question: Question, white: Maximum) -> Question | None:
 
 def _wanders(point: Point, degree: int) -> bool:
     """Whether the residual of an output is not white, and part of it slow."""
-    for series in residual_series(point, TESTED):
-        if is_white(series):
+    if all(point.white):
+        return False
+    for series, passes in zip(residual_series(point, TESTED), point.white, strict=True):
+        if passes:
             continue
         slow, whole = 0.0, 0.0
         for one in series:
