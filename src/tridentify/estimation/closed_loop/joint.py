@@ -46,8 +46,8 @@ from tridentify.estimation.closed_loop.predictor import (
 from tridentify.estimation.closed_loop.unstable import FLOOR, STILL
 from tridentify.estimation.likelihood.setup.problem import FASTEST
 from tridentify.numerics.arrays import Array, Complex
-from tridentify.numerics.extrapolation import extrapolated
 from tridentify.numerics.autoregression import Whitener
+from tridentify.numerics.extrapolation import extrapolated
 from tridentify.numerics.information import aicc_price
 from tridentify.numerics.innovation_slopes import innovations_by
 
