@@ -17,6 +17,7 @@ from tridentify.record.record import Record
 from tridentify.writing.interruption import held_back
 
 if TYPE_CHECKING:
+    from tridentify.report.figures import Numbers
     from tridentify.report.pictures import Picture
 
 PROCESSORS = 2
@@ -39,8 +40,14 @@ class Beside:
             pool.submit(_made_ready)
 
     def begin(self, estimate: Estimate, records: Sequence[Record]) -> None:
-        """Have the figures of a model drawn: what is found about it later is not in them."""
-        self._begun = self._pool.submit(_model, estimate, tuple(records))
+        """Have the figures of a model drawn: what is found about it later is not in them.
+
+        What is simulated for them is worked out here, where the compiled functions are loaded.
+        """
+        from tridentify.report.figures import Numbers
+
+        given = estimate, tuple(records), Numbers.of(estimate, records)
+        self._begun = self._pool.submit(_model, *given)
 
     def model(self, estimate: Estimate, records: Sequence[Record]) -> list[Picture]:
         """As `Here.model`; those that were begun, if any."""
@@ -68,11 +75,12 @@ class Beside:
         return finished
 
 
-def _model(estimate: Estimate, records: Sequence[Record]) -> list[Picture]:
-    """The process that does not draw loads what drawing needs for the page, if at all."""
+def _model(
+    estimate: Estimate, records: Sequence[Record], numbers: Numbers | None = None
+) -> list[Picture]:
     from tridentify.report.figures import model_pictures
 
-    return model_pictures(estimate, records)
+    return model_pictures(estimate, records, numbers)
 
 
 def _tests(validation: Validation) -> list[Picture]:

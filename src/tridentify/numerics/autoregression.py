@@ -172,6 +172,8 @@ def _compiled() -> tuple[Callable[..., Any], ...]:
     """The loops as machine code (compiled at the first call, afterwards read from disk)."""
     import numba
 
+    from tridentify.numerics.compiled import load_alone
+
     vector, table = numba.float64[::1], numba.float64[:, ::1]
     flags, places = numba.boolean[::1], numba.int64[::1]
     signatures = (
@@ -183,9 +185,13 @@ def _compiled() -> tuple[Callable[..., Any], ...]:
     order = {"reassoc", "nsz", "contract"}
     for signature, loop in zip(signatures, (_gains, _burg), strict=True):
         try:
-            found.append(numba.njit(signature, cache=True, fastmath=order)(loop))
-        except RuntimeError:  # no folder on this machine can hold the cache
-            found.append(numba.njit(signature, fastmath=order)(loop))
+            made: Any = numba.njit(cache=True, fastmath=order)(loop)
+            load_alone(made)
+        except (AttributeError, RuntimeError):  # no folder can hold it, or another numba
+            made = numba.njit(fastmath=order)(loop)
+        made.compile(signature)
+        made.disable_compile()
+        found.append(made)
     return tuple(found)
 
 

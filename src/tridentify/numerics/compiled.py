@@ -18,6 +18,7 @@ import numba
 from llvmlite import binding
 from numba.core import serialize
 from numba.core.compiler import Flags
+from numba.core.runtime import rtsys
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -102,7 +103,7 @@ def compiled(
             found = numba.njit(**options)(function)
         with contextlib.suppress(AttributeError):  # another numba
             found._compiler._customize_flags = _SameCallees
-            _refresh_once(found)
+            load_alone(found)
         with _no_collections(), _no_clocks():
             found.compile(signature)
         found.disable_compile()
@@ -159,18 +160,25 @@ def _no_clocks() -> Iterator[None]:
         lock._cblist = noted
 
 
-def _refresh_once(dispatcher: Any) -> None:
-    """Look for what numba knows of others once, instead of before each function that is loaded.
+def load_alone(dispatcher: Any) -> None:
+    """Do not learn all that can be compiled before a function is loaded that was compiled before.
 
-    What is compiled looks for it on its own.
+    Machine code asks for numba's runtime alone. The rest, tens of modules and thousands of
+    functions of `numpy`, is a third of the time of loading; what is compiled looks for it on its
+    own.
+
+    Parameters
+    ----------
+    dispatcher : numba.core.dispatcher.Dispatcher
+        With a cache, and nothing loaded yet.
+
+    Raises
+    ------
+    AttributeError
+        Another numba keeps things elsewhere.
     """
-    _refreshed(dispatcher.targetctx)
+    rtsys.initialize(dispatcher.targetctx)
     dispatcher._cache.load_overload = dispatcher._cache._load_overload
-
-
-@cache
-def _refreshed(context: Any) -> None:
-    context.refresh()
 
 
 def _call_by_address(library: Any, descriptor: Any) -> None:

@@ -51,6 +51,8 @@ POINTS = 300
 """In each stretch of the time axis."""
 PER_PERIOD = 24.0
 """Points in the fastest period of a model: a polygon of 24 sides looks round."""
+LEVEL = 0.95
+"""Of the bands, where none is asked for."""
 AIR = 0.6
 """How far a band may reach beyond the line, as a share of the line's range."""
 
@@ -182,21 +184,32 @@ class Reply:
     power: int
 
 
-def _courses(
-    lines: Sequence[Line], t: npt.ArrayLike | None, level: float, reply: Reply
-) -> tuple[Array, list[Course]]:
+@dataclass(frozen=True, eq=False)
+class Courses:
+    """Responses of all models of a picture: all numbers that drawing needs.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n_times,)
+    each : sequence of Course
+    """
+
+    t: Array
+    each: Sequence[Course]
+
+
+def _courses(lines: Sequence[Line], t: npt.ArrayLike | None, level: float, reply: Reply) -> Courses:
     """Times and responses of every model, by default until all have settled."""
     checked_level(level)
     if t is not None:
         given = numbers("t", t, f"{reply.name}([one, other], t)")
         times = _until(lines, float(given[0])) if given.size == 1 else checked_times(given)
-        return times, [_course(line, times, level, reply) for line in lines]
+        return Courses(times, [_course(line, times, level, reply) for line in lines])
     times = default_times(*lines)
     found = [_course(line, times, level, reply) for line in lines]
     stop = max(trimmed(times, one.response) for one in found)
-    return times[:stop], [
-        Course(one.line, one.response[:stop], one.low[:stop], one.high[:stop]) for one in found
-    ]
+    each = [Course(one.line, one.response[:stop], one.low[:stop], one.high[:stop]) for one in found]
+    return Courses(times[:stop], each)
 
 
 def _until(lines: Sequence[Line], final: float) -> Array:
@@ -232,23 +245,29 @@ def _response(model: TransferFunction, t: Array, formula: Callable[..., Any]) ->
     return response
 
 
-def plot_replies(
+def replies_of(
     models: Models,
-    names: Sequence[str] | None,
-    t: npt.ArrayLike | None,
-    level: float,
     reply: Reply,
-    axes: Sequence[Axes] | Axes | None,
-) -> tuple[style.Panels, tuple[Line, ...]]:
-    """The picture of one kind of reply but for its legend and what is particular to it."""
+    t: npt.ArrayLike | None = None,
+    *,
+    names: Sequence[str] | None = None,
+    level: float = LEVEL,
+    axes: Sequence[Axes] | Axes | None = None,
+) -> Courses:
+    """What one kind of reply comes to, as its picture is asked for; ``axes`` tell used colours."""
     example = f"{reply.name}(estimate) or {reply.name}([one, other])"
-    lines = lines_of(models, names, example, axes)
-    times, courses = _courses(lines, t, level, reply)
-    channels = lines[0].model.n_outputs * lines[0].model.n_inputs
-    drawn = style.make_axes(axes, [2.1] * channels)
-    draw_courses(drawn, times, courses, level, reply.power)
+    return _courses(lines_of(models, names, example, axes), t, level, reply)
+
+
+def _draw_replies(
+    replies: Courses, level: float, reply: Reply, axes: Sequence[Axes] | Axes | None
+) -> style.Panels:
+    """The picture of one kind of reply but for its legend and what is particular to it."""
+    model = replies.each[0].line.model
+    drawn = style.make_axes(axes, [2.1] * (model.n_outputs * model.n_inputs))
+    draw_courses(drawn, replies.t, replies.each, level, reply.power)
     drawn[-1].set_xlabel(f"time after the {reply.to} [s]", fontsize=9)
-    return drawn, lines
+    return drawn
 
 
 def draw_courses(
@@ -343,7 +362,7 @@ def plot_step(
     t: npt.ArrayLike | None = None,
     *,
     names: Sequence[str] | None = None,
-    level: float = 0.95,
+    level: float = LEVEL,
     axes: Sequence[Axes] | Axes | None = None,
 ) -> style.Panels:
     """Draw the response to a unit step of each input, with a pointwise confidence band.
@@ -381,7 +400,25 @@ def plot_step(
     -----
     The dashed line is the static gain, where the model has one.
     """
-    drawn, lines = plot_replies(models, names, t, level, STEP, axes)
+    replies = replies_of(models, STEP, t, names=names, level=level, axes=axes)
+    return draw_step(replies, level=level, axes=axes)
+
+
+def draw_step(
+    replies: Courses, *, level: float = LEVEL, axes: Sequence[Axes] | Axes | None = None
+) -> style.Panels:
+    """As `plot_step`, of responses that are known.
+
+    Parameters
+    ----------
+    replies : Courses
+        As `replies_of`, of `STEP`.
+    level : float
+        Theirs.
+    axes : sequence of matplotlib Axes, or one, optional
+    """
+    drawn = _draw_replies(replies, level, STEP, axes)
+    lines = [one.line for one in replies.each]
     gains = [line.model.dc_gain for line in lines]
     for k, ax in enumerate(drawn):
         i, j = divmod(k, gains[0].shape[1])
@@ -411,7 +448,7 @@ def plot_impulse(
     t: npt.ArrayLike | None = None,
     *,
     names: Sequence[str] | None = None,
-    level: float = 0.95,
+    level: float = LEVEL,
     axes: Sequence[Axes] | Axes | None = None,
 ) -> style.Panels:
     """Draw the response to a unit impulse of each input, with a pointwise confidence band.
@@ -450,7 +487,8 @@ def plot_impulse(
     A channel with as many zeros as poles passes the impulse on at once; the weight of that is
     written into the picture, and the curve is the rest.
     """
-    drawn, lines = plot_replies(models, names, t, level, IMPULSE, axes)
+    replies = replies_of(models, IMPULSE, t, names=names, level=level, axes=axes)
+    drawn, lines = _draw_replies(replies, level, IMPULSE, axes), [one.line for one in replies.each]
     for k, ax in enumerate(drawn):
         _tell_direct(ax, lines, *divmod(k, lines[0].model.n_inputs))
     style.legend(drawn[0], columns=style.legend_columns(drawn[0]))

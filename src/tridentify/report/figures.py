@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -25,7 +25,6 @@ from tridentify.plots import (
     plot_convergence,
     plot_pole_zero,
     plot_residual_tests,
-    plot_step,
 )
 from tridentify.plots.diagrams import (
     draw_flow_chart,
@@ -34,6 +33,7 @@ from tridentify.plots.diagrams import (
     draw_series_parallel,
 )
 from tridentify.plots.fit import draw_inputs, draw_output, draw_residual
+from tridentify.plots.over_time import STEP, Courses, draw_step, replies_of
 from tridentify.plots.style import legend, outliers_of
 from tridentify.record.record import Record
 from tridentify.report.pictures import Drawing, Picture, check_formats, picture_of, save_drawing
@@ -82,34 +82,66 @@ def draw_figures(
         yield from draw_tests(validation)
 
 
-def draw_model(estimate: Estimate, records: Sequence[Record]) -> Iterator[Drawing]:
+@dataclass(frozen=True, eq=False)
+class Numbers:
+    """What simulations tell of a model, so that who draws it need not simulate.
+
+    Attributes
+    ----------
+    responses : tuple of (n_samples, n_outputs) arrays
+        What it answers in each of the records that were identified.
+    step : Courses
+        Its step responses.
+    """
+
+    responses: tuple[Array, ...]
+    step: Courses
+
+    @classmethod
+    def of(cls, estimate: Estimate, records: Sequence[Record]) -> Numbers:
+        """Those of a model and the records that it was identified from."""
+        return cls(tuple(_responses(estimate, records)), replies_of(estimate, STEP))
+
+
+def draw_model(
+    estimate: Estimate, records: Sequence[Record], numbers: Numbers | None = None
+) -> Iterator[Drawing]:
     """Draw what needs no judgement: fits, responses, poles, passes.
 
     Parameters
     ----------
     estimate : Estimate
     records : sequence of Record
+    numbers : Numbers, optional
+        Where they are known.
 
     Yields
     ------
     Drawing
     """
-    yield from _identified(estimate, records)
+    known = Numbers.of(estimate, records) if numbers is None else numbers
+    yield from _identified(estimate, records, known.responses)
     yield _bode(estimate, records)
-    yield _step(estimate)
+    yield _step(estimate, known.step)
     yield _pole_zero(estimate)
     yield _convergence(estimate)
 
 
-def _identified(estimate: Estimate, records: Sequence[Record]) -> Iterator[Drawing]:
-    for number, record in enumerate(records):
-        response = estimate.predict(record, experiment=number)
+def _responses(estimate: Estimate, records: Sequence[Record]) -> Iterator[Array]:
+    return (estimate.predict(record, experiment=k) for k, record in enumerate(records))
+
+
+def _identified(
+    estimate: Estimate, records: Sequence[Record], responses: Iterable[Array]
+) -> Iterator[Drawing]:
+    for number, (record, response) in enumerate(zip(records, responses, strict=True)):
         yield draw_fit(record, response, estimate=estimate, place=(number, len(records)))
 
 
 def identified_fits(estimate: Estimate, records: Sequence[Record]) -> list[Picture]:
     """The records that were identified against the model, as SVG."""
-    return [picture_of(drawing) for drawing in _identified(estimate, records)]
+    drawings = _identified(estimate, records, _responses(estimate, records))
+    return [picture_of(drawing) for drawing in drawings]
 
 
 def fits_of_view(view: View) -> list[Picture]:
@@ -122,9 +154,11 @@ def fits_of_view(view: View) -> list[Picture]:
     return drawn
 
 
-def model_pictures(estimate: Estimate, records: Sequence[Record]) -> list[Picture]:
+def model_pictures(
+    estimate: Estimate, records: Sequence[Record], numbers: Numbers | None = None
+) -> list[Picture]:
     """What `draw_model` draws, as SVG."""
-    return [picture_of(drawing) for drawing in draw_model(estimate, records)]
+    return [picture_of(drawing) for drawing in draw_model(estimate, records, numbers)]
 
 
 def tests_pictures(validation: Validation) -> list[Picture]:
@@ -293,11 +327,11 @@ def _measured(records: Sequence[Record]) -> FrequencyResponse | None:
         return None
 
 
-def _step(estimate: Estimate) -> Drawing:
+def _step(estimate: Estimate, replies: Courses) -> Drawing:
     count = len(estimate.output_names) * len(estimate.input_names)
     columns = _columns(estimate) if count > 2 else 1
     sheet = Sheet([RESPONSE] * -(-count // columns), columns)
-    plot_step(estimate, axes=sheet.axes[:count])
+    draw_step(replies, axes=sheet.axes[:count])
     for ax in sheet.grid[-1]:
         ax.set_xlabel("time after the step [s]", fontsize=9)
     return Drawing(

@@ -158,11 +158,12 @@ def try_causes(view: View, estimate: Estimate, n_lags: int, rate: float) -> Know
     outputs = range(len(view.outputs))
     bad = any(len(_examined(view, i, setting).normality.outliers) for i in outputs)
     asked = bad and not (view.stamped or view.driven)
+    with_bad = None
     if asked and forecasts_react(view.point, view.records):
         # a fit that feedback has bent calls good samples bad, and hides it without them
-        reacting = _tried(view, setting, False, known)
-        if reacting.cause == "feedback":
-            return reacting
+        with_bad = _tried(view, setting, False, known)
+        if with_bad.cause == "feedback":
+            return with_bad
     without = _looked_again(_tried(view, setting, True, known), view, setting)
     found = sum(len(one.normality.outliers) for one in without.evidence)
     if not found or not without.cause:
@@ -175,7 +176,7 @@ def try_causes(view: View, estimate: Estimate, n_lags: int, rate: float) -> Know
     # what the model misses has far samples too: do they stand out where the cause is fitted along?
     if _stand_out(view, setting, without.cause, FADED * found):
         return without
-    whole = _tried(view, setting, False)
+    whole = with_bad if with_bad is not None and known is None else _tried(view, setting, False)
     rows = _far_beside(view, _ends(whole), rate)
     if whole.cause != without.cause or sum(len(one) for one in rows) > FADED * found:
         return without
@@ -386,7 +387,7 @@ def _cleaned(
     for _ in range(LOOKS):
         # nothing is hidden where nothing is wild
         again = [
-            first_ones(view, _examined(clean, i, setting).normality.outliers)
+            _first_bad(clean, i, setting)
             if len(first_ones(view, one.normality.outliers))
             else one.normality.outliers[:0]
             for i, one in enumerate(evidence)
@@ -400,6 +401,17 @@ def _cleaned(
         clean = _all_taken_out(view, evidence)
     evidence = [with_those_between(view, i, one) for i, one in enumerate(evidence)]
     return _all_taken_out(view, evidence), evidence
+
+
+def _first_bad(view: View, index: int, setting: _Setting) -> Array:
+    """Bad samples at the start of an output.
+
+    Not all that are far are bad: where none of the first is far, that need not be told.
+    """
+    far = first_ones(view, _whole(view, index, setting).normality.outliers)
+    if not len(far):
+        return far
+    return first_ones(view, _examined(view, index, setting).normality.outliers)
 
 
 def _all_taken_out(view: View, evidence: Sequence[Evidence]) -> View:
@@ -429,12 +441,19 @@ def _far(view: View, index: int, setting: _Setting) -> Array:
     return np.zeros((0, 3)) if found is None else found.normality.outliers
 
 
+def _whole(view: View, index: int, setting: _Setting) -> Evidence:
+    """All tests of one output, on all samples."""
+    estimate, n_lags, rate, _, known = setting
+    key = view, index, None
+    if key not in known:
+        known[key] = examine(view, index, estimate, n_lags, rate)
+    return known[key]
+
+
 def _tested(view: View, index: int, setting: _Setting) -> Evidence:
-    estimate, n_lags, rate, torn, known = setting
-    whole = view, index, None
-    if whole not in known:
-        known[whole] = examine(view, index, estimate, n_lags, rate)
-    found = without_foreseen(view, index, with_bad_samples_alone(view, known[whole]))
+    estimate, n_lags, rate, torn, _ = setting
+    whole = with_bad_samples_alone(view, _whole(view, index, setting))
+    found = without_foreseen(view, index, whole)
     if torn and len(found.normality.outliers):
         found = with_outliers(found, _after(torn, view, found.normality.outliers))
     if not len(found.normality.outliers) or found.past < CALLED:

@@ -260,7 +260,10 @@ def modelled(
     pieces = zip(output.seen, split(output, left), split(output, took), strict=True)
     for there, r, t in pieces:
         series.append(np.where(there, r, np.nan))
-        taken += [np.where(there, t[:, k], np.nan) for k in range(t.shape[1])]
+        # one direction after the other, each with a gap behind it
+        apart = np.full((t.shape[1], t.shape[0] + 1), np.nan)
+        apart[:, :-1] = np.where(there, t.T, np.nan)
+        taken += [apart.ravel()[:-1]] if apart.size else []
     return fit_autoregression(series, most, order, fewest, taken)
 
 
