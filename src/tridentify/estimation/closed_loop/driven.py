@@ -197,7 +197,7 @@ def driven(record: Record, *, between: bool = False, own: bool = False) -> Drive
     best = found[0].part
     if between or own:
         begun = [one for one in found if np.array_equal(one.before, best.before)]
-        colours = _colours(best)
+        colours = colours_of(best)
         lowest = _Described.of(record, best.before, best.poles, 1, colours).criterion
         for one in begun[:STARTS]:
             for criterion, part in _by_own_poles(one.part, most, colours):
@@ -242,7 +242,7 @@ class _Described:
         return Driven(self.record, self.poles, self.before, weights, self.columns)
 
 
-def _colours(part: Driven) -> list[Array]:
+def colours_of(part: Driven) -> list[Array]:
     """Autoregressive coefficients of what is left of each signal.
 
     What a controller that integrates makes of noise is slow; taken as white it would pay for modes.

@@ -100,8 +100,13 @@ def unstable_estimate(
     asked: Request,
     coloured: bool,
     say: Callable[[str], None],
+    begun: Sequence[TransferFunction] = (),
 ) -> NotStable | None:
-    """The estimate of a plant with a pole at zero or to the right of it; None for any other."""
+    """The estimate of a plant with a pole at zero or to the right of it; None for any other.
+
+    It is looked for from Step 2. Where passes among stable plants do not end, it is from their
+    models as well, and whatever the root is: that of a stable plant is theirs, by Newton's steps.
+    """
     sought = Sought.of(asked.records, asked.structure)
     if sought is None:
         return None
@@ -110,13 +115,13 @@ def unstable_estimate(
         Loop(part, kind, late=sought.late, drift=sought.drift) for part in parts
     ]
     edge = slowest(loops)
-    plants = starting_plants(loops, *orders)
+    plants = [_plant_of(model, sought.zeros) for model in begun] + starting_plants(loops, *orders)
     # fast operators follow the samples and swing between them, where Step 2 looks; slow ones miss
     others = [
         replace(loop, driven=driven(loop.record, between=kind == "sampled")) for loop in loops
     ]
     plants += starting_plants(others, *orders)
-    if not any(plant.poles.real.max() > -edge for plant in plants):
+    if not (begun or any(plant.poles.real.max() > -edge for plant in plants)):
         return None
     say("a plant that is not stable")
     choose = autoregressive if coloured else None
@@ -134,7 +139,9 @@ def unstable_estimate(
         words = (told, *words)
     else:
         loops, best = _by_root(sought, loops, parts, best, choose, say)
-    if best is None or not best.still or not best.plant.poles.real.max() > -edge:
+    if best is None or not best.still:
+        return None
+    if not (begun or best.plant.poles.real.max() > -edge):
         return None
     # the errors of a predictor that runs off have no scale
     told_apart = np.diag(best.cov)[np.any(best.plant.free, axis=1)]
@@ -152,6 +159,15 @@ def unstable_estimate(
         _is_unseen(best, edge),
         best.errors,
     )
+
+
+def _plant_of(model: TransferFunction, zeros: Sequence[int]) -> Plant:
+    """A model of one output whose inputs share their denominator, with so many zeros."""
+    padded = [
+        np.append(np.zeros(m + 1), one)[-m - 1 :]
+        for m, one in zip(zeros, model.num[0], strict=True)
+    ]
+    return Plant(np.array(model.den[0][0][1:]), tuple(padded))
 
 
 def _by_factors(

@@ -360,6 +360,19 @@ def _of_delay(seen: DelaySeen) -> Finding:
     )
 
 
+def _driven_by_references(record: Record) -> Record:
+    """A record of a loop with its references for inputs: a stable system, whatever the plant is."""
+    clock = {"t": record.t} if record.dt is None else {"dt": record.dt}
+    between = record.reference_behaviour or "zoh"
+    return Record(
+        np.asarray(record.reference),
+        record.y,
+        **clock,
+        intersample=between,
+        output_names=record.output_names,
+    )
+
+
 def _of_noise(records: Sequence[Record], output: Output) -> list[Finding]:
     """Feedback and drift."""
     record = records[0]
@@ -383,6 +396,10 @@ def _of_noise(records: Sequence[Record], output: Output) -> list[Finding]:
     if told is not None:
         return [told_finding(told, record.input_names, name)]
     fall, wandering = slow_seen(output)
+    if (fall > DRIFTS or wandering) and record.reference is not None:
+        # of a plant that the loop holds, the response to the input is none of a stable system
+        driven = [_driven_by_references(one) for one in records]
+        fall, wandering = slow_seen(glance(driven, output.index, None))
     # an autoregression stands on even time alone
     noise_model = "Use a noise model (noise='ar')" if record.dt else "Resample to even time"
     if fall <= DRIFTS and wandering:

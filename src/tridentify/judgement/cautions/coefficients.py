@@ -10,6 +10,7 @@ from tridentify.estimation.answer.decision import DecisionKind
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import FEWER, Finding
 from tridentify.judgement.causes.attempts.fewer import BEYOND_RECORD, foretold, unsure
+from tridentify.numerics.delta_method import root_sensitivity, standard_deviation
 from tridentify.numerics.quantiles import median
 from tridentify.numerics.rational import scaled_roots
 from tridentify.record.record import Record
@@ -42,26 +43,31 @@ def coefficient_findings(estimate: Estimate, records: Sequence[Record]) -> list[
         Those that were identified.
     """
     outside = _outside(estimate, records)
+    longest = max(record.duration for record in records)
+    not_stable, at_zero = _not_stable(estimate, longest)
+    if any(SLOW in one.message for one in outside):
+        at_zero = max(at_zero, 1)
     return [
         *_no_response(estimate, records),
         *_constant_input(estimate, records),
-        *_vague(estimate, records, integrates=any(SLOW in one.message for one in outside)),
+        *_vague(estimate, longest, at_zero),
         *_other_delays(estimate),
         *outside,
         *_at_bounds(estimate),
-        *_not_stable(estimate),
+        *not_stable,
     ]
 
 
-def _vague(estimate: Estimate, records: Sequence[Record], *, integrates: bool) -> list[Finding]:
+def _vague(estimate: Estimate, longest: float, at_zero: int) -> list[Finding]:
     """Coefficients whose standard error is above half of their size (`fewer.unsure`).
 
-    ``integrates``: a pole is told that is far slower than the record. Then the last coefficient of
-    the denominator is about zero, no excitation tells it better, and what to do is said with that.
+    ``at_zero``: so many poles are told that are about zero, or far slower than the record. Then as
+    many of the last coefficients of the denominator are about zero as well, no excitation tells
+    them better, and what to do is said with the poles.
     """
     found = []
-    longest = max(record.duration for record in records)
-    wide = [name for name in unsure(estimate, longest) if not (integrates and name == "a0")]
+    said = [f"a{k}" for k in range(at_zero)]
+    wide = [name for name in unsure(estimate, longest) if name not in said]
     vague = [name for name in wide if not name.startswith("delay")]
     late = [name for name in wide if name.startswith("delay")]
     if vague and np.isnan(estimate.std).all():
@@ -112,34 +118,51 @@ def _other_delays(estimate: Estimate) -> list[Finding]:
     return found
 
 
-def _not_stable(estimate: Estimate) -> list[Finding]:
-    """A pole at zero or to the right of it, where it is not given."""
-    if estimate.model.is_stable:
-        return []
+def _not_stable(estimate: Estimate, longest: float) -> tuple[list[Finding], int]:
+    """A pole at zero or to the right of it, where it is not given; how many cannot be told from it.
+
+    Those are slower than the record, and their real parts less than `UNSURE` errors from zero: what
+    is told of the rightmost pole holds of the pair that it belongs to. Two poles that lie together
+    have no derivatives, and so no limits.
+    """
+    stable, shown = estimate.model.is_stable, estimate.loop is not None and estimate.loop.mirrored
+    if stable and not shown:
+        return [], 0
     parameters = estimate.parameters.values()
     if any(p.name.startswith("a0") and not (p.value or p.std) for p in parameters):
-        return []
-    shown = estimate.loop is not None and estimate.loop.mirrored
+        return [], 0
     if estimate.route != "reference" and not shown:
         said = "The model is not stable."
         return [
             Finding("unstable", "warning", said, "Check whether the system is, or use fewer poles.")
-        ]
-    rows = estimate.derived_rows()
-    poles = [(value, std) for name, value, std, _ in rows if name.startswith("real pole")]
-    value, std = max(poles, default=(np.inf, 0.0))
+        ], 0
+    _, den, cov = estimate.channel(0, 0)
+    n = den.size - 1
+    poles, moved = root_sensitivity(den)
+    errors = standard_deviation(moved.real, cov[:n, :n])
+    errors[np.isnan(errors)] = np.inf
+    right = int(np.argmax(poles.real))
+    value, std, pair = poles[right].real, errors[right], bool(poles[right].imag)
+    if stable and not pair:  # one that is slower than the record is told as that
+        return [], 0
     if abs(value) < UNSURE * std:
+        slow = (np.abs(poles) * longest < 1.0) & (np.abs(poles.real) < UNSURE * errors)
+        which = "is hardly damped" if pair and not slow[right] else "integrates"
+        what = "pair of poles with a real part" if pair else "pole"
         said = (
-            f"The plant is not stable, or integrates: its pole of {value:.2g} +/- {std:.2g} rad/s "
-            "cannot be told from one at zero."
+            f"The plant is not stable, or {which}: its {what} of {value:.2g} +/- {std:.2g} "
+            "rad/s cannot be told from one at zero."
         )
-        return [Finding("unstable", "note", said, "Fix it there if the plant integrates.")]
+        remedy = "Fix it there if the plant integrates."
+        return [Finding("unstable", "note", said, remedy)], int(slow.sum())
+    if stable:
+        return [], 0
     said = "The plant is not stable: the loop is, and its reference shows the pole."
     if estimate.route != "reference":
         said = "The plant is not stable: its response grows in the record."
     if estimate.route == "direct":
         said = "The plant is not stable: the loop is, and its input and output show the pole."
-    return [Finding("unstable", "note", said, "")]
+    return [Finding("unstable", "note", said, "")], 0
 
 
 def _unsure_delays(estimate: Estimate, late: Sequence[str], vague: Sequence[str]) -> list[Finding]:

@@ -14,6 +14,9 @@ same rate, as another input, must explain the record clearly worse: what grows i
 to the input. Where the search itself put a polynomial beside the stable plant, both need only be
 worse, by AICc, which chose the polynomial: that bends as any growth does, and nobody asked for it,
 whereas beside a drift a stable plant answers its input otherwise than one that grows.
+
+Where the record decides for neither, the stable plant stays, and the pole that is as likely is told
+with it.
 """
 
 from __future__ import annotations
@@ -26,6 +29,7 @@ import numpy as np
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.answer.trace import Status
 from tridentify.estimation.closed_loop.unstable_answer import (
     AS_LIKELY,
@@ -55,6 +59,8 @@ BEYOND_DOUBT = 100.0
 """Fall of ``-2 log L`` from which no standard errors are asked for: two poles that are hardly told
 apart are known together far better than each. In white noise alone: a
 model of the noise may fall as far by itself."""
+BESIDE = " beside a drift that grows as fast"
+"""What a stable plant needs for that."""
 EXPLOSION = 3.0
 """Rate of the pole times length of the record, from which no drift grows like that: twentyfold."""
 
@@ -95,14 +101,31 @@ def unless_unstable(
     # a polynomial that nobody asked for bends as any growth does: AICc tells it from growth
     beside = found.structure.drift_degree > asked.structure.drift_degree
     least = 0.0 if beside and not (like_a_drift and best.noise.size) else CLEARLY
-    if gain < least or not sure or rate * longest < GROWTH:
+    grew = rate * longest >= GROWTH
+    if gain < (CLEARLY if not grew else -CLEARLY if sure else 0.0):
         return found
-    if like_a_drift and _beside_a_drift(asked, again, rate) - best.deviance < least:
-        return found
+    rival = f"{rate:+.3g} +/- {error:.2g} rad/s"
+    if gain < least or not (sure and grew):
+        return _as_likely(found, rival, gain, " with a drift" if beside else "")
+    if like_a_drift and (more := _beside_a_drift(asked, again, rate) - best.deviance) < least:
+        return found if more < -CLEARLY else _as_likely(found, rival, more, BESIDE)
     told = f"-2 log L is lower by {gain:.1f} than of the best stable model"
     reached_end = replace(estimate_of(asked, loops, best, (told,)), route=found.route)
     # what nobody held follows from the model alone, from the start of the record to its end
     return found if worse_by(reached_end, found) > AS_LIKELY else reached_end
+
+
+def _as_likely(found: Estimate, rival: str, gain: float, beside: str) -> Estimate:
+    """A stable plant in whose record a pole to the right of zero is not excluded, which is told."""
+    said = Finding(
+        "unstable",
+        "warning",
+        f"The record does not tell whether the plant is stable: with a pole of {rival} -2 log L is "
+        f"{abs(gain):.1f} {'lower' if gain > 0.0 else 'higher'} than of a stable plant{beside}.",
+        "Record again from another start, or longer: what grows each time, and as fast, is the "
+        "plant.",
+    )
+    return replace(found, findings=(*found.findings, said))
 
 
 def may_be_unstable(found: Estimate, records: Sequence[Record], structure: Structure) -> bool:

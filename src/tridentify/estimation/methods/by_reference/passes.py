@@ -49,6 +49,8 @@ class Rooted:
         By which the last pass moved the coefficients [standard errors].
     tolerance : float
         By how much it may in a root.
+    whole : Estimate, optional
+        The open-loop fit of the records, beginning there.
     """
 
     loops: Sequence[Loop]
@@ -56,6 +58,7 @@ class Rooted:
     passes: int
     moved: float
     tolerance: float = STILL
+    whole: Estimate | None = None
 
     @property
     def still(self) -> bool:

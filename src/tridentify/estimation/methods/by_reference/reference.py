@@ -62,9 +62,14 @@ from tridentify.estimation.closed_loop.known_controller import (
 from tridentify.estimation.closed_loop.moving import together_findings
 from tridentify.estimation.closed_loop.not_supported import refuse_not_stable
 from tridentify.estimation.closed_loop.recorded_input import Worked
-from tridentify.estimation.closed_loop.unstable_answer import NotStable, unstable_estimate
+from tridentify.estimation.closed_loop.unstable_answer import (
+    NotStable,
+    unstable_estimate,
+    worse_by,
+)
 from tridentify.estimation.likelihood.answer import widened_by
 from tridentify.estimation.likelihood.noise.noise_model import STILL as NOISE_STILL
+from tridentify.estimation.likelihood.thresholds import CLEARLY
 from tridentify.estimation.methods.base import Method
 from tridentify.estimation.methods.by_reference.along_axis import with_fall
 from tridentify.estimation.methods.by_reference.controller_kind import (
@@ -98,6 +103,7 @@ from tridentify.estimation.methods.by_reference.passes import (
 )
 from tridentify.estimation.methods.by_reference.returned_errors import (
     moves_between,
+    sees_nothing,
     with_returned_errors,
 )
 from tridentify.estimation.methods.by_reference.stated_kind import (
@@ -172,13 +178,17 @@ def reference_estimate(
     if known is None and (begun := with_start(list(asked.records))) != list(asked.records):
         asked = replace(asked, records=tuple(begun))
         parts = [driven(record, between=kind == "continuous") for record in begun]
+    again = partial(reference_estimate, asked, controller, plain, near, coloured, say)
+    among = partial(again, robust=robust, only_stable=True)
     if not loop and not only_stable:
-        again = partial(reference_estimate, asked, controller, plain, near, coloured, say)
-        among = partial(again, robust=robust, only_stable=True)
         ended = _not_stable(parts, taken, asked, coloured is not None, robust, among, kind, say)
         if ended is not None:
             return ended
     found = _white(parts, kind, asked.structure, plain, near, say, again=known is None)
+    if known is None and not (loop or only_stable):
+        ended = _beyond_limit(found, taken, asked, coloured is not None, robust, among, say)
+        if ended is not None:
+            return ended
     taken = of_integrator(taken, found.estimate, asked.records)
     told, how = f"controller taken as {IN_WORDS[kind]}{taken.why}", rule
     left: LeftOpen | None = None
@@ -229,13 +239,66 @@ def _not_stable(
     if coloured or not robust:
         found = unstable_estimate(parts, kind, asked, coloured, say)
         if found is not None:
-            taken = of_integrator(taken, found.estimate, asked.records)
-            if taken.certain:
-                found = not_stable_as_stated(found, parts, taken, asked, coloured, say)
-            else:
-                found = of_either_kind(found, taken, asked, coloured, say)
-            return _or_stable(found, stable)
+            return _ended(found, parts, taken, asked, coloured, stable, say)
     return refuse_not_stable(asked, kind, robust, stable, say)
+
+
+def _beyond_limit(
+    found: Rooted,
+    taken: Assumed,
+    asked: Request,
+    coloured: bool,
+    robust: bool,
+    stable: Callable[[], Estimate],
+    say: Callable[[str], None],
+) -> Estimate | None:
+    """What ends the question where passes among stable plants do not; None where nothing does.
+
+    Fits to stable plants have no way to a root that integrates, nor to one whose errors reach that
+    far: they end nowhere, or where instruments see next to nothing of what the output changes by,
+    or where clearly more of it is left than by the open-loop fit. Where references drive little of
+    what is recorded, Step 2 does not show such a root either; the open-loop fit, of all of the
+    record, may.
+    """
+    if robust and not coloured:
+        return None
+    ends, kind = found.still and not sees_nothing(found), found.loops[0].sampling
+    # of a controller that works between the samples the open-loop fit leaves less of any record
+    if ends and not (kind == "sampled" and _rise(found) > CLEARLY):
+        return None
+    parts = [one.driven for one in found.loops if isinstance(one.driven, Driven)]
+    begun = [one.model for one in (found.whole, found.estimate) if one is not None]
+    beyond = unstable_estimate(parts, kind, asked, coloured, say, begun)
+    if beyond is None or (ends and not worse_by(found.estimate, beyond.estimate) > CLEARLY):
+        return None
+    return _ended(beyond, parts, taken, asked, coloured, stable, say)
+
+
+def _rise(found: Rooted) -> float:
+    """Of ``-2 log L`` in white noise, from the open-loop fit to a root."""
+    if found.whole is None:
+        return 0.0
+    left, least = (_mean_square(residuals(found.loops, e)) for e in (found.estimate, found.whole))
+    count = sum(int(np.isfinite(one.record.y).sum()) for one in found.loops)
+    return count * float(np.log(left / least))
+
+
+def _ended(
+    found: NotStable,
+    parts: Sequence[Driven],
+    taken: Assumed,
+    asked: Request,
+    coloured: bool,
+    stable: Callable[[], Estimate],
+    say: Callable[[str], None],
+) -> Estimate:
+    """The estimate of a plant that is not stable, with what is said of the controller's kind."""
+    taken = of_integrator(taken, found.estimate, asked.records)
+    if taken.certain:
+        found = not_stable_as_stated(found, parts, taken, asked, coloured, say)
+    else:
+        found = of_either_kind(found, taken, asked, coloured, say)
+    return _or_stable(found, stable)
 
 
 def _with_all_errors(
@@ -342,7 +405,7 @@ def _nearer(
         open_loop = near(best.estimate.model).estimate(
             [one.record for one in best.loops], structure
         )
-        least = _mean_square(residuals(best.loops, open_loop))
+        best, least = replace(best, whole=open_loop), _mean_square(residuals(best.loops, open_loop))
         if _mean_square(residuals(best.loops, best.estimate)) < FARTHER * least:
             return best
         other = root(best.loops, structure, open_loop, near, say)

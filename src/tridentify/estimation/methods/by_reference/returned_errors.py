@@ -114,6 +114,26 @@ def with_returned_errors(found: Rooted) -> tuple[Rooted, str]:
     return replace(found, estimate=replace(estimate, cov=cov)), told
 
 
+def sees_nothing(found: Rooted) -> bool:
+    """Whether the instruments see so little of what the output changes by that no error is known.
+
+    Parameters
+    ----------
+    found : Rooted
+        For white noise.
+    """
+    free = np.flatnonzero(found.estimate.std > 0)
+    try:
+        tables = _tables(found, free)
+        seen = None if tables is None else _back(tables, free)[1]
+    except (TridentifyError, np.linalg.LinAlgError):
+        return False
+    if seen is None:
+        return False
+    errors = np.sqrt(np.diag(seen @ found.estimate.cov[np.ix_(free, free)] @ seen.T))
+    return not bool(np.max(errors / found.estimate.std[free], initial=0.0) <= MOST_RETURNED)
+
+
 def moves_between(found: Rooted) -> tuple[Array, ...]:
     """How far the coefficients move with other descriptions of what lies between the samples.
 

@@ -19,6 +19,8 @@ from tridentify.structure import Structure
 
 OPEN_LOOP = ThreeModel(noise="white", route="open-loop", finish="likelihood")
 """Output error with a search in front of it: rivals shall not lose by their start."""
+IN_NOISE = replace(OPEN_LOOP, noise="auto")
+"""The same with a model of the noise, where that is not white."""
 
 
 def in_two_stages(
@@ -28,6 +30,7 @@ def in_two_stages(
     structure: Structure,
     progress: Progress | None,
     first_stage: Callable[[Record], tuple[Record, str]],
+    second_stage: ThreeModel = OPEN_LOOP,
 ) -> Estimate:
     """The estimate with inputs in place of the recorded ones.
 
@@ -42,6 +45,8 @@ def in_two_stages(
     progress : callable or None
     first_stage : callable
         Gives a record with the input that its reference makes, and what is told of it.
+    second_stage : ThreeModel
+        The fit with that input.
 
     Raises
     ------
@@ -56,7 +61,7 @@ def in_two_stages(
     say("the input from the reference")
     asked = Request.of(records, structure, name)
     made = [first_stage(one) for one in records]
-    found = OPEN_LOOP.estimate([one for one, _ in made], structure, say)
+    found = second_stage.estimate([one for one, _ in made], structure, say)
     told = f"first stage: {', '.join(words for _, words in made)}"
     return replace(
         found,
