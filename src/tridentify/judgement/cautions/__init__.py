@@ -78,9 +78,12 @@ def judged(
     recorded = records if recorded is None else recorded
     # those of the method come first: what it alone could see
     found = [*estimate.findings, *coefficient_findings(estimate, records)]
-    if not any(one.code == "no-response" for one in found):
+    if not _unanswered(found):
         found += [*order_findings(estimate, records), *level_findings(estimate, records)]
         found += gain_findings(estimate, records, known)
+    if _unanswered(found):
+        # what no output answers may move as it likes
+        between, found = None, [one for one in found if one.code != "intersample"]
     seen = [*outlier_findings(estimate, records, known)]
     found += response_as_noise(estimate)
     tested = list(looked_at(estimate, records, known)) if estimate.status.ok else []
@@ -134,6 +137,11 @@ def judged(
     made = made or interpolated_findings(records, estimate)
     parts = ([*first, *_with_trial(seen, tested)], tested, [*found, *seen])
     return joined(made, *(beside_lines(part, made) for part in parts))
+
+
+def _unanswered(found: Sequence[Finding]) -> bool:
+    """Whether nothing answers the inputs, as far as that was looked at."""
+    return any(one.code == "no-response" for one in found)
 
 
 def _moves_between(one: Finding) -> bool:
@@ -264,7 +272,7 @@ def _of_constant_inputs(
 ) -> tuple[list[Finding], list[Finding]]:
     """Without what only an input that moves can show; where nothing answered, that says why."""
     kept = [one for one in tested if one.code not in MOVING]
-    if not any(one.code == "no-response" for one in found):
+    if not _unanswered(found):
         return kept, list(found)
     still = [replace(one, severity="error") for one in found if one.code == "constant-input"]
     return [], still
