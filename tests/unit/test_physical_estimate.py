@@ -224,7 +224,7 @@ def test_cautions_of_the_estimate_are_shown():
     estimate = estimate_physical(mass_spring_damper(), record.with_outputs(y), WHITE)
     (caution,) = (c for c in estimate.estimate.cautions if "robust loss" in c)
     assert caution in " ".join(estimate.summary().replace("\n", " ").split())
-    assert "farther from the model" in estimate._repr_html_()
+    assert "standard deviations from the model" in estimate._repr_html_()
 
 
 @pytest.mark.judged

@@ -156,7 +156,7 @@ def advise(records: Record | Sequence[Record]) -> Advice:
     found += _of_input(given)
     found += [] if still else _of_response(first, outputs)
     found += [_of_delay(seen) for seen in delays if _is_late(seen)]
-    found += [finding for output in late for finding in _of_noise(parts, output)]
+    found += [finding for output in late for finding in _of_noise(parts, output, best)]
     if not any(finding.code == "feedback" for finding in found):
         # an input that reacts to the output seems to act early
         found += _of_behaviour(given, behaviours, best)
@@ -373,11 +373,18 @@ def _driven_by_references(record: Record) -> Record:
     )
 
 
-def _of_noise(records: Sequence[Record], output: Output) -> list[Finding]:
-    """Feedback and drift."""
+def _of_noise(records: Sequence[Record], output: Output, best: Behaviour) -> list[Finding]:
+    """Feedback and drift.
+
+    An input that moves between its samples acts before the sample that shows it, as one does that
+    answers the output: feedback is what is left of the best of its behaviours.
+    """
     record = records[0]
     name, found = record.output_names[output.index], []
     chance = feedback_seen(output.parallel, output.fit)
+    if chance < FEEDBACK and best != record.behaviour:
+        moved = output.parallel.changed(records=tuple(one.between(best) for one in records))
+        chance = feedback_seen(moved, moved.best())
     if chance < FEEDBACK:
         found.append(
             Finding(

@@ -37,7 +37,7 @@ from tridentify.judgement.cautions.sensors import sensor_findings
 from tridentify.judgement.cautions.stuck import SLOW
 from tridentify.judgement.cautions.tones import tone_findings
 from tridentify.judgement.validation.assess import looked_at
-from tridentify.judgement.validation.explained import HEADLINES, TRIED, WITHOUT_THEM
+from tridentify.judgement.validation.explained import HEADLINES, TRIED
 from tridentify.judgement.validation.interpolated import beside_lines, interpolated_findings
 from tridentify.record.record import Record
 
@@ -78,9 +78,12 @@ def judged(
     recorded = records if recorded is None else recorded
     # those of the method come first: what it alone could see
     found = [*estimate.findings, *coefficient_findings(estimate, records)]
-    if not any(one.code == "no-response" for one in found):
+    if not _unanswered(found):
         found += [*order_findings(estimate, records), *level_findings(estimate, records)]
         found += gain_findings(estimate, records, known)
+    if _unanswered(found):
+        # what no output answers may move as it likes
+        between, found = None, [one for one in found if one.code != "intersample"]
     seen = [*outlier_findings(estimate, records, known)]
     found += response_as_noise(estimate)
     tested = list(looked_at(estimate, records, known)) if estimate.status.ok else []
@@ -134,6 +137,11 @@ def judged(
     made = made or interpolated_findings(records, estimate)
     parts = ([*first, *_with_trial(seen, tested)], tested, [*found, *seen])
     return joined(made, *(beside_lines(part, made) for part in parts))
+
+
+def _unanswered(found: Sequence[Finding]) -> bool:
+    """Whether nothing answers the inputs, as far as that was looked at."""
+    return any(one.code == "no-response" for one in found)
 
 
 def _moves_between(one: Finding) -> bool:
@@ -230,27 +238,26 @@ IN_LOOP = (*MOVING, "order-low", "order-high", "drift", "varying", "unmodelled-r
 """Causes that a controller which alone moves the input makes, or hides."""
 
 
-SEEN = {"saturation": TRIED, "bad-samples": WITHOUT_THEM}
-"""What shows in single samples, and where what a trial says of it begins in the tests' words."""
-
-
 def _with_trial(seen: Sequence[Finding], tested: Sequence[Finding]) -> list[Finding]:
-    """What was both seen in samples and tried: what was seen, then what the trial brought."""
+    """What was both seen at a limit and tried: what was seen, then what the trial brought.
+
+    Bad samples that the tests found stand as they are: what the trial brought is of these, which
+    `validate` tells as well, and not of all that lie far from a model that misses something.
+    """
     found: list[Finding] = []
     for one in seen:
-        same = (t for t in tested if one.code in SEEN and same_thing(one, t))
+        same = (t for t in tested if one.code == "saturation" and same_thing(one, t))
         trial = next(same, None)
         if trial is None:
             continue
         first = not any(same_thing(one, other) for other in found)
-        _, begins, rest = trial.message.partition(SEEN[one.code])
+        _, begins, rest = trial.message.partition(TRIED)
         message = f"{one.message} {begins}{rest}" if first and begins else one.message
-        remedy = one.remedy if one.code == "saturation" else trial.remedy  # it states the limit
         found.append(
             replace(
                 trial,
                 message=message,
-                remedy=remedy,
+                remedy=one.remedy,  # it states the limit
                 severity=min(one.severity, trial.severity, key=SEVERITIES.index),
                 times=one.times,
                 experiment=one.experiment,
@@ -264,7 +271,7 @@ def _of_constant_inputs(
 ) -> tuple[list[Finding], list[Finding]]:
     """Without what only an input that moves can show; where nothing answered, that says why."""
     kept = [one for one in tested if one.code not in MOVING]
-    if not any(one.code == "no-response" for one in found):
+    if not _unanswered(found):
         return kept, list(found)
     still = [replace(one, severity="error") for one in found if one.code == "constant-input"]
     return [], still

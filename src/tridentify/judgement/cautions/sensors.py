@@ -266,9 +266,10 @@ def _saturated(
         plateaus = repeated.value == limit
         if at.sum() < FEWEST_AT_LIMIT or not plateaus.any():
             continue
-        if np.any(
-            repeated.length[~plateaus & _inner(repeated, y)] >= repeated.length[plateaus].max()
-        ):
+        as_long = _inner(repeated, y) & (repeated.length >= repeated.length[plateaus].max())
+        beside = zip(repeated.first[as_long], repeated.length[as_long], strict=True)
+        # where the model rests too it is the system that stands
+        if any(np.ptp(f[k : k + n]) > max(q, noise) for k, n in beside):
             continue
         first = repeated.first[plateaus]
         entered = np.abs(y[first[first > 0]] - y[first[first > 0] - 1])

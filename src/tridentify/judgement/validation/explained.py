@@ -31,7 +31,6 @@ from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 
 TRIED = "Of all causes tried"
-WITHOUT_THEM = "Without them"
 """Where in a message what was seen ends and what was tried begins."""
 
 HEADLINES = {
@@ -204,7 +203,7 @@ def change(end: Attempt, estimate: Estimate) -> str:
     if moves is None:
         return ""
     moves = moves.replace(" from ", " goes from ", 1) if moves else NOTHING_MOVES
-    return f"{WITHOUT_THEM} {moves}."
+    return f"Without them {moves}."
 
 
 def most_moved(estimate: Estimate, end: Attempt) -> str | None:

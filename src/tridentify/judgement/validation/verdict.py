@@ -118,6 +118,7 @@ def findings(
             concerned.append((name, beside.torn or _where(one, own, calling)))
             again = None if of_sampling(beside.named) else beside.again[i]
             left = _left(rejected, name, again, beside.named.rival.code)
+            one = one if again is None else _with_shocks_that_stay(one, again)
             if beside.no_better or beside.keeps_colour(i, one):
                 # this model stays, and its standard errors do not allow for what is left
                 left |= {key: p for key, p in rejected.items() if key == ("white", name)}
@@ -152,6 +153,13 @@ def _as_noise(drift: Finding) -> Finding:
     seen = drift.message.split(": ")[0].rstrip(".")
     said = f"{seen}: something pushes the plant slowly, and the model of the noise stands for it."
     return replace(drift, severity="note", message=said, remedy="", effect="")
+
+
+def _with_shocks_that_stay(one: Evidence, again: Evidence) -> Evidence:
+    """With the disturbances that are seen beside a cause too: others are what it makes."""
+    shocks = one.normality.shocks
+    stay = np.isin(shocks[:, 1], again.normality.shocks[:, 1])
+    return one.having(normality=replace(one.normality, shocks=shocks[stay]))
 
 
 def _left(

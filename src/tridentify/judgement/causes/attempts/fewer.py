@@ -19,6 +19,9 @@ from scipy.special import chdtri
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
+from tridentify.estimation.likelihood.answer import model_of
+from tridentify.estimation.likelihood.cost import Point
+from tridentify.estimation.likelihood.minimum.levenberg_marquardt import coefficients
 from tridentify.judgement.causes.attempts.attempt import Attempt, attempt, deviance_at
 from tridentify.judgement.causes.attempts.first_samples import beginning
 from tridentify.judgement.causes.attempts.present import Present, Zeros
@@ -29,6 +32,7 @@ from tridentify.judgement.causes.attempts.revisit import (
     stated,
     without_outliers,
 )
+from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.autoregression import deviance, fit_autoregression, most_coefficients
 from tridentify.numerics.rational import scaled_roots
@@ -263,29 +267,41 @@ def _gains_nothing(estimate: Estimate, records: Sequence[Record]) -> bool:
 
 
 def _is_noise(fitted: _Fitted) -> bool:
-    """Whether a noise model alone, about a level, explains the outputs as well."""
+    """Whether a noise model alone, about a level, explains the outputs as well.
+
+    Where the initial state is free, it explains them beside what the model makes of that state: an
+    output that goes to and fro by itself is followed by poles on the axis, and no input is needed.
+    """
     first = fitted.end
     orders = [_noise_of(first.point.standardised(), i).size for i in range(len(first.point.rss))]
     present = fitted.present
     end = attempt(replace(present, noise=()).problem(), [first.point.poles], orders)
     if end is None or any(record.dt is None for record in present.records):
         return False
-    outputs = [
-        np.where(np.isfinite(residual), experiment.y, np.nan)
-        for experiment, residual in zip(
-            end.point.problem.experiments, end.point.residuals(), strict=True
-        )
-    ]
-    levelled = [_levelled(y) for y in outputs]
+    levelled = [_levelled(y) for y in _driven(end.point, present.records)]
     noise = [_noise_of(levelled, i) for i in range(present.n_outputs)]
     if not all(a.size for a in noise):
         return False
-    unknowns = sum(a.size + len(levelled) + 1 for a in noise)
+    states = present.poles.size * sum(one.free for one in end.point.problem.experiments)
+    unknowns = states + sum(a.size + len(levelled) + 1 for a in noise)
     price = _price(end.unknowns - unknowns, present.poles.size, end.count)
     price *= WANDERING if any(_wanders(a, present.records) for a in noise) else 1.0
     if _alone(levelled, noise) - end.deviance >= price:
         return False
     return not _any_moved(levelled, present.records, noise, present.poles.size)
+
+
+def _driven(point: Point, records: Sequence[Record]) -> list[Array]:
+    """Outputs as they were recorded, without what the model makes of a free initial state."""
+    found = []
+    parts = zip(records, point.problem.experiments, point.residuals(), strict=True)
+    for record, experiment, residual in parts:
+        if experiment.free:
+            model = model_of(point.problem, coefficients(point), record)
+            found.append(residual + simulate(model, record._derive(u=record.u - record.u[0])))
+        else:
+            found.append(np.where(np.isfinite(residual), experiment.y, np.nan))
+    return found
 
 
 def _moved(series: Sequence[Array], inputs: Sequence[Array], order: int, lags: int) -> bool:
