@@ -12,7 +12,7 @@ from tridentify import Record, Structure, ThreeModel
 from tridentify.estimation.answer.trace import Status
 from tridentify.estimation.closed_loop.between_samples import Loop
 from tridentify.estimation.closed_loop.driven import driven
-from tridentify.estimation.methods.by_reference import reference
+from tridentify.estimation.methods.by_reference import roots
 from tridentify.estimation.methods.by_reference.passes import MOST_PASSES, PATIENCE, Rooted, root
 
 pytestmark = pytest.mark.unjudged
@@ -59,10 +59,10 @@ def test_driven_inputs_are_found_anew_where_there_is_a_root(monkeypatch, status,
         renewed.append(best)
         return replace(best, passes=best.passes + 5)
 
-    monkeypatch.setattr(reference, "root", root)
-    monkeypatch.setattr(reference, "_renewed", anew)
+    monkeypatch.setattr(roots, "root", root)
+    monkeypatch.setattr(roots, "_renewed", anew)
     white = Rooted([loop], estimate, 2, 0.0)
-    found = reference._with_noise_model(white, ORDERS, Method(), lambda _: None)
+    found = roots.with_noise_model(white, ORDERS, Method(), lambda _: None)
     assert len(passes) == 1
     assert bool(renewed) is again
     assert found.passes == (10 if again else 5)

@@ -68,7 +68,6 @@ from tridentify.estimation.closed_loop.unstable_answer import (
     worse_by,
 )
 from tridentify.estimation.likelihood.answer import widened_by
-from tridentify.estimation.likelihood.noise.noise_model import STILL as NOISE_STILL
 from tridentify.estimation.likelihood.thresholds import CLEARLY
 from tridentify.estimation.methods.base import Method
 from tridentify.estimation.methods.by_reference.along_axis import with_fall
@@ -94,17 +93,20 @@ from tridentify.estimation.methods.by_reference.given_controller import (
     rule_of,
 )
 from tridentify.estimation.methods.by_reference.passes import (
-    PATIENCE,
-    STILL,
     Rooted,
     residuals,
     root,
-    without_rest,
 )
 from tridentify.estimation.methods.by_reference.returned_errors import (
     moves_between,
     sees_nothing,
     with_returned_errors,
+)
+from tridentify.estimation.methods.by_reference.roots import (
+    other_root,
+    rise,
+    white_root,
+    with_noise_model,
 )
 from tridentify.estimation.methods.by_reference.stated_kind import (
     findings_as_stated,
@@ -114,18 +116,9 @@ from tridentify.numerics.arrays import Array
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 
-WORSE = 0.05
-"""Share by which a better known driven input may raise the mean square of what is left: it takes
-nothing that is noise, and what it takes of the response shows at once."""
-FARTHER = 1.5
-"""Mean square of what a root leaves over that of the open-loop fit, or of another root, from which
-there may be a better one. The open-loop fit is the least of all; what feedback adds to a root is a
-few per cent, and one that misses a start of the loop leaves fifty times as much."""
 BETWEEN = "the loop is fast for its samples: what lies between them makes errors up to"
 NOTABLE, HANGS = 1.2, 3.0
 """Times that errors grow for that, from which it is told, and from which the answer hangs on it."""
-MOST_BESIDE = 12
-"""Passes of such a fit: it begins near its end, and runs about where hardly any noise is left."""
 
 
 def reference_estimate(
@@ -184,7 +177,7 @@ def reference_estimate(
         ended = _not_stable(parts, taken, asked, coloured is not None, robust, among, kind, say)
         if ended is not None:
             return ended
-    found = _white(parts, kind, asked.structure, plain, near, say, again=known is None)
+    found = white_root(parts, kind, asked.structure, plain, near, say, again=known is None)
     if known is None and not (loop or only_stable):
         ended = _beyond_limit(found, taken, asked, coloured is not None, robust, among, say)
         if ended is not None:
@@ -210,12 +203,12 @@ def reference_estimate(
     findings, white = following_findings(found), found
     moved: Array | None = None
     if coloured is not None:
-        found = _with_noise_model(found, asked.structure, coloured, say)
+        found = with_noise_model(found, asked.structure, coloured, say)
     if left is not None:
         moved, (open_, said) = left.moved(found.estimate), left.said(found.estimate)
         told, findings = f"{told}; {open_}", (*findings, *said)
     found, wider, hanging = _with_all_errors(found, moved)
-    rival = partial(_other, white, asked.structure, near, say)
+    rival = partial(other_root, white, asked.structure, near, say)
     findings += findings_as_stated(white, found.estimate, taken, rival)
     told, findings = "; ".join((told, *wider)), (*findings, *hanging)
     if known is not None:
@@ -264,7 +257,7 @@ def _beyond_limit(
         return None
     ends, kind = found.still and not sees_nothing(found), found.loops[0].sampling
     # of a controller that works between the samples the open-loop fit leaves less of any record
-    if ends and not (kind == "sampled" and _rise(found) > CLEARLY):
+    if ends and not (kind == "sampled" and rise(found) > CLEARLY):
         return None
     parts = [one.driven for one in found.loops if isinstance(one.driven, Driven)]
     begun = [one.model for one in (found.whole, found.estimate) if one is not None]
@@ -272,15 +265,6 @@ def _beyond_limit(
     if beyond is None or (ends and not worse_by(found.estimate, beyond.estimate) > CLEARLY):
         return None
     return _ended(beyond, parts, taken, asked, coloured, stable, say)
-
-
-def _rise(found: Rooted) -> float:
-    """Of ``-2 log L`` in white noise, from the open-loop fit to a root."""
-    if found.whole is None:
-        return 0.0
-    left, least = (_mean_square(residuals(found.loops, e)) for e in (found.estimate, found.whole))
-    count = sum(int(np.isfinite(one.record.y).sum()) for one in found.loops)
-    return count * float(np.log(left / least))
 
 
 def _ended(
@@ -360,89 +344,13 @@ def _either(
 ) -> tuple[Rooted, str, LeftOpen | None]:
     """The root for one kind of controller or the other, as the record says."""
     try:
-        other = _other(found, structure, near, say)
+        other = other_root(found, structure, near, say)
     except TridentifyError as refused:
         kind = found.loops[0].sampling
         without = f"as {IN_WORDS[opposite(kind)]}, no estimate: {refused}"
         return found, f"controller taken as {IN_WORDS[kind]}{taken_for.why}; {without}", None
     seen = compared(found, other, taken_for)
     return other if seen.turned else found, seen.told, seen.left
-
-
-def _white(
-    parts: Sequence[Driven],
-    sampling: Sampling,
-    structure: Structure,
-    plain: Method,
-    near: Callable[[TransferFunction], Method],
-    say: Callable[[str], None],
-    *,
-    again: bool = True,
-) -> Rooted:
-    """The root for one kind of controller and white noise.
-
-    With ``again`` the driven input of a continuous controller is found anew, beside the noise.
-    """
-    loops = [Loop(part, sampling) for part in parts]
-    first = plain.estimate([one.instrument for one in loops], structure)
-    best = _nearer(root(loops, structure, first, near, say), structure, near, say)
-    # between the samples the driven input itself counts, and not its shape alone
-    return _renewed(best, structure, near, say) if sampling != "sampled" and again else best
-
-
-def _nearer(
-    best: Rooted,
-    structure: Structure,
-    near: Callable[[TransferFunction], Method],
-    say: Callable[[str], None],
-) -> Rooted:
-    """The root from the open-loop fit, where that leaves clearly less of the output.
-
-    Where most of what moved is no reference's doing, a start or a disturbance, the passes may end
-    at a root that explains hardly any of it.
-    """
-    try:
-        open_loop = near(best.estimate.model).estimate(
-            [one.record for one in best.loops], structure
-        )
-        best, least = replace(best, whole=open_loop), _mean_square(residuals(best.loops, open_loop))
-        if _mean_square(residuals(best.loops, best.estimate)) < FARTHER * least:
-            return best
-        other = root(best.loops, structure, open_loop, near, say)
-    except TridentifyError:
-        return best
-    before, after = (_mean_square(residuals(one.loops, one.estimate)) for one in (best, other))
-    return other if FARTHER * after < before else best
-
-
-def _renewed(
-    best: Rooted,
-    structure: Structure,
-    near: Callable[[TransferFunction], Method],
-    say: Callable[[str], None],
-    tolerance: float = STILL,
-) -> Rooted:
-    """The root with the driven input apart from the noise; the one that was, where it is worse.
-
-    Where hardly any noise is left, what is follows the reference and would take its part.
-    """
-    try:
-        end = root(
-            best.loops, structure, best.estimate, near, say, MOST_BESIDE,
-            renewed=True, tolerance=tolerance,
-        )  # fmt: skip
-    except TridentifyError:
-        return best
-    before, after = (_mean_square(residuals(one.loops, one.estimate)) for one in (best, end))
-    no_worse = after < (1.0 + WORSE * best.still) * before
-    if not (end.still and no_worse if best.still else end.still or no_worse):
-        return best
-    return replace(end, passes=end.passes + best.passes)
-
-
-def _mean_square(left: Sequence[Array]) -> float:
-    """Of the residuals of all outputs, each relative to nothing but itself."""
-    return float(np.exp(np.mean(np.log(np.nanmean(np.vstack(left) ** 2, axis=0) + 1e-300))))
 
 
 def _with_controller(
@@ -475,41 +383,7 @@ def _with_controller(
         found = root(known, structure, best.estimate, near, say)
         return replace(found, passes=found.passes + best.passes), how
     held = [driven(part.record, between=taken == "continuous") for part in parts]
-    return _white(held, taken, structure, plain, near, say), how
-
-
-def _other(
-    best: Rooted,
-    structure: Structure,
-    near: Callable[[TransferFunction], Method],
-    say: Callable[[str], None],
-) -> Rooted:
-    """The root for the other kind of controller, from the one that is there."""
-    kind = opposite(best.loops[0].sampling)
-    others = [Loop(driven(one.record, between=kind == "continuous"), kind) for one in best.loops]
-    return root(others, structure, best.estimate, near, say)
-
-
-def _with_noise_model(
-    white: Rooted, structure: Structure, method: Method, say: Callable[[str], None]
-) -> Rooted:
-    """The same on whitened samples, where the residual calls for a model of the noise."""
-    say("coloured noise")
-    at, loops = white.estimate.model, white.loops
-    first = method.estimate([without_rest(one, at) for one in loops], structure)
-    if not any(a.size for a in first.noise_model):
-        return replace(white, estimate=first)
-    # each pass is itself no stiller than that, with its noise model
-    found = root(
-        loops, structure, first, lambda _: method, say, patience=PATIENCE, tolerance=NOISE_STILL
-    )
-    found = replace(found, passes=found.passes + white.passes)
-    fitted = all(isinstance(one.driven, Driven) for one in loops)
-    # at a limit there is no root to come to, and each pass costs a whole estimate
-    at_limit = found.estimate.status in (Status.AT_STABILITY_LIMIT, Status.AT_SAMPLING_LIMIT)
-    if loops[0].sampling == "sampled" or not fitted or at_limit:
-        return found
-    return _renewed(found, structure, lambda _: method, say, tolerance=NOISE_STILL)
+    return white_root(held, taken, structure, plain, near, say), how
 
 
 def completed(
