@@ -59,7 +59,7 @@ COVERED = 0.975  # quantile at which Student's and the Gaussian's ends are compa
 CLEARLY_LARGER, CLEARLY_SMALLER = (3.0, 6.0)
 """Standard deviations by which scores must scatter more, or less, than innovations say before
 standard errors follow: larger ones are the cautious side."""
-WONTED = 1.5  # by how much the scores that are usual grow with a false alarm
+WONTED = 1.5  # by how much the scores that are usual grow with a false alarm at least
 
 
 class Scatter(NamedTuple):
@@ -141,11 +141,20 @@ def keep_expected(old: Blueprint, was: Array, new: Blueprint, x: Array) -> None:
 
 
 def wonted(blueprint: Blueprint, x: Array) -> None:
-    """What led to a false alarm becomes more of the usual: the next one must be stronger."""
-    for i in range(int(blueprint.ints[slots.OUTPUTS])):
-        for scale in range(slots.SCALES):
-            at = mean_of_scores(blueprint, watch_of(blueprint, i), scale)
-            x[at] = (1.0 + x[at]) * WONTED - 1.0
+    """What led to a false alarm becomes usual, so that the next one must be stronger.
+
+    As no other plant was found, the scores so far are those of noise, and their scatter is known at
+    once; the long mean of the judgement, with its memory of `slots.BLOCKS_USUAL` blocks, would take
+    one false alarm after the other to get there.
+    """
+    places = [
+        mean_of_scores(blueprint, watch_of(blueprint, i), scale)
+        for i in range(int(blueprint.ints[slots.OUTPUTS]))
+        for scale in range(slots.SCALES)
+    ]
+    grown = (1.0 + x[places]) * WONTED - 1.0
+    expect_scatter(blueprint, x)
+    x[places] = np.maximum(x[places], grown)
 
 
 def expect_scatter(blueprint: Blueprint, x: Array) -> None:
