@@ -48,6 +48,9 @@ MOST_CAUSES = 8
 MOST_ASKED = 200
 """Units that decide which nuisance terms all have, where a fleet is pooled: more say the same."""
 
+TOGETHER, POOL, POOLED = "together.json", "pool.json", "pool.parquet"
+"""Files of `Run.together` and `Run.pool`."""
+
 UNREAD = tuple(status for status in FAILURES if status != NO_ANSWER)
 """Failures of units that have no part in what a fleet says together."""
 
@@ -84,6 +87,13 @@ class Run(FleetViews):
     def folder(self) -> Path:
         """Where the results are."""
         return self.store.folder
+
+    @property
+    def written(self) -> tuple[Path, ...]:
+        """Files beside the rows, of what was asked for of all units together."""
+        names = [TOGETHER] if self.common is not None else []
+        names += [POOL, POOLED] if self.population is not None else []
+        return tuple(self.folder / name for name in names)
 
     def rows(self, columns: Sequence[str] | None = None) -> Any:
         """Rows as they are stored, lists in place of columns for coefficients.
@@ -282,7 +292,7 @@ class Run(FleetViews):
                     other = joint(looking({**skipped, **mute}), np.median(values, axis=0))
                     found = replace(found, without=Without(mute, other.theta, other.std))
         found = replace(found, left_out={**skipped, **found.left_out})
-        write_atomically(self.folder / "together.json", json.dumps(found.to_dict(), indent=1))
+        write_atomically(self.folder / TOGETHER, json.dumps(found.to_dict(), indent=1))
         return found
 
     def pool(self) -> Pool:
@@ -319,10 +329,10 @@ class Run(FleetViews):
                 return pieces_of(workers, items, job, self.question.limits)
 
             found = pooled(look, names, own)
-        write_atomically(self.folder / "pool.json", json.dumps(found.to_dict(), indent=1))
+        write_atomically(self.folder / POOL, json.dumps(found.to_dict(), indent=1))
         content = io.BytesIO()
         pl.DataFrame(found.columns()).write_parquet(content)
-        write_atomically(self.folder / "pool.parquet", content.getvalue())
+        write_atomically(self.folder / POOLED, content.getvalue())
         return found
 
     def _usual_nuisance(
