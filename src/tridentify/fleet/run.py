@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from tridentify.errors import (
+    ConstantInputError,
     ConvergenceError,
     DataError,
     IdentifiabilityError,
@@ -28,6 +29,7 @@ from tridentify.fleet.job import FAILURES, NO_ANSWER, Item
 from tridentify.fleet.local import Local, Piece, summable
 from tridentify.fleet.passes import Sums, pieces_of, summed
 from tridentify.fleet.pool import Pool, pooled
+from tridentify.fleet.rows import STILL
 from tridentify.fleet.sources import items_of
 from tridentify.fleet.store import Store
 from tridentify.fleet.together import Pass, Together, Without, chosen_nuisance, joint
@@ -54,7 +56,7 @@ TOGETHER, POOL, POOLED = "together.json", "pool.json", "pool.parquet"
 UNREAD = tuple(status for status in FAILURES if status != NO_ANSWER)
 """Failures of units that have no part in what a fleet says together."""
 
-UNANSWERED = ("no-response", "constant-input")
+UNANSWERED = ("no-response", STILL)
 """Cautions of units whose outputs say nothing of the system, only of the noise."""
 
 QUARTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -357,8 +359,12 @@ class Run(FleetViews):
 
     def _mute(self) -> dict[str, str]:
         """Key -> caution of units that show no response."""
-        rows = self.rows(["key", "cautions"])
-        told = ((key, [c for c in codes if c in UNANSWERED]) for key, codes in rows.iter_rows())
+        rows = self.rows(["key", "cautions", "exception"])
+        still = ConstantInputError.__name__
+        told = (
+            (key, [c for c in (STILL, *codes) if c in UNANSWERED][error != still :])
+            for key, codes, error in rows.iter_rows()
+        )
         return {key: codes[0] for key, codes in told if codes}
 
     def _unread(self) -> dict[str, str]:
