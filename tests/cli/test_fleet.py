@@ -96,6 +96,8 @@ def test_together_and_pool_are_told_and_a_unit_apart_gets_its_report(run, tmp_pa
     document = json.loads(outcome.out)
     assert document["together"]["units"] == 32
     assert document["population"]["deviating"][0] == "u03"
+    files = [Path(one).name for one in document["files"]]
+    assert files == ["report.html", "together.json", "pool.json", "pool.parquet"]
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert '<a href="units/u03.html">u03</a>' in page
     assert "u03" in (tmp_path / "out" / "units" / "u03.html").read_text(encoding="utf-8")

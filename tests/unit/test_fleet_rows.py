@@ -9,7 +9,7 @@ import polars as pl
 import pytest
 
 import fleets
-from tridentify import Record, Structure, fleet, identify
+from tridentify import Record, Structure, TransferFunction, fleet, identify, simulate
 from tridentify.errors import DataError, MissingColumnError, OptionError
 from tridentify.fleet.rows import unpacked
 
@@ -274,3 +274,25 @@ def test_sources_that_are_none(three: dict[str, Record], tmp_path: Path) -> None
         fleet.fit(three, (2, 0), time_limit=0, **fit)
     with pytest.raises(OptionError, match="workers=True"):
         fleet.fit(three, (2, 0), workers=True, **fit)
+
+
+@pytest.mark.slow
+@pytest.mark.judged
+@pytest.mark.parametrize("judge", [False, True])
+def test_an_output_that_moves_beside_a_constant_input_is_no_answer_from_rest(
+    judge: bool, tmp_path: Path
+) -> None:
+    """A start from rest is an answer only to who answers: the units here move by themselves."""
+    still = {}
+    for key, record in fleets.units(6, seed=4).items():
+        still[key] = Record(np.ones(record.n_samples), record.y, dt=0.1, intersample="zoh")
+    u = np.full(200, 2.0)
+    y = simulate(TransferFunction([3.0], [1.0, 1.0, 3.0]), Record(u, u, dt=0.1))[:, 0]
+    y = y + 0.02 * np.random.default_rng(5).standard_normal(200)
+    source = still | {"step": Record(u, y, dt=0.1, intersample="zoh")}
+    run = fleet.fit(source, Structure(2, 0), out=tmp_path / "out", judge=judge, progress=False)
+    rows = {row["key"]: row for row in run.rows().to_dicts()}
+    assert rows["step"]["ok"]
+    assert "constant-input" in rows["step"]["cautions"]
+    assert {rows[key]["status"] for key in still} == {"no answer"}
+    assert "never change" in rows["u0000"]["message"]

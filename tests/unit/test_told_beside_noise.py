@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from tridentify import Record, Structure, TransferFunction, identify, simulate
+from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, simulate
 
 pytestmark = pytest.mark.judged
 
@@ -32,15 +32,26 @@ def clean(plant: TransferFunction, u: Array, dt: float) -> Array:
 )
 @pytest.mark.slow
 def test_a_drift_that_the_noise_model_took_is_named(shape: str, seed: int) -> None:
-    """Long autoregressions explain a drift; the coefficients hold, the fit does not."""
+    """Long autoregressions explain a drift; the coefficients hold, the fit does not.
+
+    Left to itself the estimate has the drift along: the fit holds as well, a note says so, and
+    there is nothing to be warned of.
+    """
     rng = np.random.default_rng(seed)
     u = levels(rng, 400, 30)
     y = clean(MOTOR, u, STEP)
     way = np.linspace(0.0, 1.0, 400)
     slow = way if shape == "line" else 1.0 - np.exp(-2.0 * way)
     y = y + 1.2 * y.std() * slow + 0.02 * y.std() * rng.standard_normal(400)
-    estimate = identify(Record(u, y, dt=STEP), Structure(2, 0), throw=False)
+    record, structure = Record(u, y, dt=STEP), Structure(2, 0)
+    estimate = identify(record, structure, ThreeModel(noise="ar"), throw=False)
     assert next(one.code for one in estimate.findings if one.matters) == "drift"
+    along = identify(record, structure)
+    assert along.structure.drift_degree > 0
+    assert any("slow disturbance is estimated along" in one for one in along.notes())
+    assert along.fit[0] > 95.0 > 80.0 > estimate.fit[0]
+    assert np.all(np.abs(along.theta - [46.0, 300.0, 900.0]) < 3.0 * along.std)
+    assert not any(one.matters for one in along.findings)
 
 
 @pytest.mark.slow

@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 from concurrent.futures import Executor, Future
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+import fleets
+from tridentify import Structure
 from tridentify.errors import TridentifyError
+from tridentify.fleet.job import Item
+from tridentify.fleet.places import Given
+from tridentify.fleet.rows import Fit
+from tridentify.fleet.workers import keeper
 from tridentify.fleet.workers.dispatch import (
     FIRST,
     IN_FLIGHT,
@@ -17,6 +24,9 @@ from tridentify.fleet.workers.dispatch import (
     dispatch,
 )
 from tridentify.fleet.workers.engines import Engine
+from tridentify.fleet.workers.job import Limits
+from tridentify.fleet.workers.keeper import Keeper
+from tridentify.record.formats.assemble import Wanted
 
 
 class Scripted(Executor):
@@ -92,3 +102,51 @@ def test_a_scheduler_that_is_gone_is_told_after_what_is_done() -> None:
     next(found)
     with pytest.raises(TridentifyError, match="found the scheduler gone"):
         next(found)
+
+
+def starting(monkeypatch: pytest.MonkeyPatch, before: str) -> Keeper:
+    """A keeper whose children do something before they serve; it waits for nobody."""
+    monkeypatch.setattr(keeper, "BOOT", before + keeper.BOOT)
+    monkeypatch.setattr(keeper, "PAUSE", 0.0)
+    return Keeper(Limits(10.0, 0))
+
+
+def counted(place: Path, then: str) -> str:
+    return f"import os; open({str(place)!r}, 'a').write('.'); {then}; "
+
+
+@pytest.mark.parametrize(
+    ("then", "starts", "said"),
+    [
+        ("os._exit(3)", keeper.STARTS, "ended with code 3 before"),
+        pytest.param(
+            "os.kill(os.getpid(), 9)",
+            keeper.KILLS,
+            f"was killed {keeper.KILLS} times before",
+            marks=pytest.mark.slow,
+        ),
+    ],
+)
+def test_a_child_that_cannot_start_ends_the_run(
+    then: str, starts: int, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with (
+        starting(monkeypatch, counted(tmp_path / "starts", then)) as one,
+        pytest.raises(TridentifyError, match=said),
+    ):
+        list(one.outcomes(None, [Item("u", Given(()))]))
+    assert (tmp_path / "starts").read_text() == "." * starts
+
+
+@pytest.mark.slow
+def test_kills_before_the_first_record_are_waited_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = tmp_path / "starts"
+    kill = f"os.path.getsize({str(place)!r}) > {keeper.STARTS + 1} or os.kill(os.getpid(), 9)"
+    ((key, record),) = fleets.units(1).items()
+    with starting(monkeypatch, counted(place, kill)) as one:
+        job = Fit(Structure(2, 0), None, False, Wanted("u", "y"))
+        (outcome,) = one.outcomes(job, [Item(key, Given((record,)))])
+    assert outcome.value["status"] == "converged"
+    assert place.read_text() == "." * (keeper.STARTS + 2)

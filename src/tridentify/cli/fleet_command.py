@@ -108,7 +108,7 @@ def fleet(
             activity.note(note)
         activity.stage("writing the report")
         written = write_fleet_report(run, out / "report.html", reports=reports)
-    _show(run, [written], as_json)
+    _show(run, [written, *run.written], as_json)
     if pool and run.population is None:
         raise TooFewSamplesError(run.notes[-1])
 

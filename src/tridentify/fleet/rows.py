@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from tridentify.errors import ConstantInputError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.methods.base import Method
 from tridentify.fleet.attempt import RecordJob
@@ -53,6 +54,9 @@ COLUMNS: Mapping[str, str] = MappingProxyType(
 """Column -> kind. ``covariance`` is the lower triangle, row by row; ``cautions`` are codes of the
 findings that matter, ``place`` the file, ``attempt`` how often it was tried before."""
 
+STILL = "constant-input"
+"""Caution of a unit whose inputs never change; an error where nothing answers them either."""
+
 
 @dataclass(frozen=True)
 class Fit(RecordJob):
@@ -63,7 +67,7 @@ class Fit(RecordJob):
     structure : Structure or AutoStructure
     method : Method, optional
     judge : bool
-        Whether findings are looked for; without, a row has no cautions.
+        Whether findings are looked for; without, a row has no cautions, unless no input changes.
     wanted : Wanted
         How files and frames are read.
     """
@@ -74,13 +78,27 @@ class Fit(RecordJob):
     wanted: Wanted
 
     def run(self, item: Item, records: Sequence[Record]) -> dict[str, Any]:
-        """The columns that an estimate fills."""
-        return row_of(self.estimate(records))
+        """The columns that an estimate fills.
+
+        Raises
+        ------
+        ConstantInputError
+            No input ever changes, and no output answers their being switched on.
+        """
+        estimate = self.estimate(records)
+        if any(one.code == STILL and one.severity == "error" for one in estimate.findings):
+            raise ConstantInputError(
+                f"found inputs that never change ({', '.join(estimate.input_names)}) and no "
+                "response to their being switched on at the first sample; expected an input that "
+                "changes; record a change of it"
+            )
+        return row_of(estimate)
 
     def estimate(self, records: Sequence[Record]) -> Estimate:
-        """The estimate, judged if that is asked for; never thrown."""
+        """The estimate, judged if that is asked for or no input ever changes; never thrown."""
         found = search(records, self.structure, self.method)
-        return found.judged() if self.judge else found.estimate
+        still = not any(np.ptp(record.u, axis=0).any() for record in found.records)
+        return found.judged() if self.judge or still else found.estimate
 
     def in_words(self) -> dict[str, Any]:
         """What decides about the numbers, for the manifest."""

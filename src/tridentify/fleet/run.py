@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from tridentify.errors import (
+    ConstantInputError,
     ConvergenceError,
     DataError,
     IdentifiabilityError,
@@ -28,6 +29,7 @@ from tridentify.fleet.job import FAILURES, NO_ANSWER, Item
 from tridentify.fleet.local import Local, Piece, summable
 from tridentify.fleet.passes import Sums, pieces_of, summed
 from tridentify.fleet.pool import Pool, pooled
+from tridentify.fleet.rows import STILL
 from tridentify.fleet.sources import items_of
 from tridentify.fleet.store import Store
 from tridentify.fleet.together import Pass, Together, Without, chosen_nuisance, joint
@@ -48,10 +50,13 @@ MOST_CAUSES = 8
 MOST_ASKED = 200
 """Units that decide which nuisance terms all have, where a fleet is pooled: more say the same."""
 
+TOGETHER, POOL, POOLED = "together.json", "pool.json", "pool.parquet"
+"""Files of `Run.together` and `Run.pool`."""
+
 UNREAD = tuple(status for status in FAILURES if status != NO_ANSWER)
 """Failures of units that have no part in what a fleet says together."""
 
-UNANSWERED = ("no-response", "constant-input")
+UNANSWERED = ("no-response", STILL)
 """Cautions of units whose outputs say nothing of the system, only of the noise."""
 
 QUARTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -84,6 +89,13 @@ class Run(FleetViews):
     def folder(self) -> Path:
         """Where the results are."""
         return self.store.folder
+
+    @property
+    def written(self) -> tuple[Path, ...]:
+        """Files beside the rows, of what was asked for of all units together."""
+        names = [TOGETHER] if self.common is not None else []
+        names += [POOL, POOLED] if self.population is not None else []
+        return tuple(self.folder / name for name in names)
 
     def rows(self, columns: Sequence[str] | None = None) -> Any:
         """Rows as they are stored, lists in place of columns for coefficients.
@@ -282,7 +294,7 @@ class Run(FleetViews):
                     other = joint(looking({**skipped, **mute}), np.median(values, axis=0))
                     found = replace(found, without=Without(mute, other.theta, other.std))
         found = replace(found, left_out={**skipped, **found.left_out})
-        write_atomically(self.folder / "together.json", json.dumps(found.to_dict(), indent=1))
+        write_atomically(self.folder / TOGETHER, json.dumps(found.to_dict(), indent=1))
         return found
 
     def pool(self) -> Pool:
@@ -319,10 +331,10 @@ class Run(FleetViews):
                 return pieces_of(workers, items, job, self.question.limits)
 
             found = pooled(look, names, own)
-        write_atomically(self.folder / "pool.json", json.dumps(found.to_dict(), indent=1))
+        write_atomically(self.folder / POOL, json.dumps(found.to_dict(), indent=1))
         content = io.BytesIO()
         pl.DataFrame(found.columns()).write_parquet(content)
-        write_atomically(self.folder / "pool.parquet", content.getvalue())
+        write_atomically(self.folder / POOLED, content.getvalue())
         return found
 
     def _usual_nuisance(
@@ -347,8 +359,12 @@ class Run(FleetViews):
 
     def _mute(self) -> dict[str, str]:
         """Key -> caution of units that show no response."""
-        rows = self.rows(["key", "cautions"])
-        told = ((key, [c for c in codes if c in UNANSWERED]) for key, codes in rows.iter_rows())
+        rows = self.rows(["key", "cautions", "exception"])
+        still = ConstantInputError.__name__
+        told = (
+            (key, [c for c in (STILL, *codes) if c in UNANSWERED][error != still :])
+            for key, codes, error in rows.iter_rows()
+        )
         return {key: codes[0] for key, codes in told if codes}
 
     def _unread(self) -> dict[str, str]:

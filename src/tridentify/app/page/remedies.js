@@ -14,7 +14,7 @@ const ROBUST = { loss: "huber", noise: "auto", method: "three-model" };
 const STUCK = /^Mark (these samples|the repeats) as missing/;
 const MARKED = /\bmark them as missing/i;
 const MOST_MARKED = 100; // samples: more of them are not single ones
-const CLIPPED = /^Mark as missing .* where it is (>=|<=) (\S+), /;
+const CLIPPED = /^Mark as missing .* where it is ([^,]*), /;
 const MOST_STRETCHES = 200; // more of them make no list that is read
 
 /** Code of a finding, what its remedy says, and the options that this comes to: a row each. */
@@ -105,11 +105,12 @@ async function leaveOut(record, found, model) {
 /** Leaves out what a sensor at its limit has clipped; null where no limit is named. */
 function clippedButton({ code, remedy, outputs = [] }, model) {
   const record = model && recordOf(model.record);
-  const [, side, limit] = (code === "saturation" && CLIPPED.exec(remedy ?? "")) || [];
-  if (!record || !side || outputs.length !== 1) return null;
+  const [, limits] = (code === "saturation" && CLIPPED.exec(remedy ?? "")) || [];
+  if (!record || !limits || outputs.length !== 1) return null;
   const [channel] = outputs;
-  const place = `/records/${record.id}/stretches${query({ channel,
-    [side === ">=" ? "high" : "low"]: limit })}`;
+  const ends = limits.split(" or ").map((end) => end.split(" "));
+  const place = `/records/${record.id}/stretches${query({ channel, ...Object.fromEntries(
+    ends.map(([side, limit]) => [side === ">=" ? "high" : "low", limit])) })}`;
   const leave = () => act.attempt(async () => {
     const found = await get(place);
     if (found.length > MOST_STRETCHES) {
@@ -118,9 +119,9 @@ function clippedButton({ code, remedy, outputs = [] }, model) {
     }
     await leaveOut(record, found, model);
   });
-  const sign = side === ">=" ? "\u2265" : "\u2264";
-  return button(`Leave out where ${channel} ${sign} ${limit} and estimate`, leave,
-    { "data-key": `clipped ${channel} ${side}` });
+  const words = ends.map(([side, limit]) => `${side === ">=" ? "\u2265" : "\u2264"} ${limit}`);
+  return button(`Leave out where ${channel} ${words.join(" or ")} and estimate`, leave,
+    { "data-key": `clipped ${channel}` });
 }
 
 const around = (time, dt) => ({ start: Math.max(0, time - dt / 4), end: time + dt / 4 });

@@ -41,7 +41,16 @@ LOOK = 0.05
 """How often the clock is compared with the limit [s]."""
 
 STARTS = 3
-"""How often a child is started for the same batch, if something ends it before its first record."""
+"""How often a child is started for the same batch, if it ends by itself before its first record."""
+
+KILLED = -9
+"""How a child ends that somebody killed, or the kernel for want of memory."""
+
+KILLS = 8
+"""How often one is killed before its first record until the run is: what kills it mostly passes."""
+
+PAUSE = 0.5
+"""After the first kill [s], twice as long after each further one: a minute in all."""
 
 PATIENCE = 30.0
 """How long a child that has nothing to do is kept [s]: to start another one takes a second."""
@@ -141,7 +150,8 @@ class Keeper:
     def _ask(self, raw: bytes, items: Sequence[Item]) -> None:
         """Hand over a batch; a child that somebody ended meanwhile is started anew."""
         paths = [entry for entry in sys.path if isinstance(entry, str)]
-        for _ in range(STARTS):
+        fallen = killed = 0
+        while True:
             with self._guard:
                 self._resting = math.inf
                 if self._process is None or self._process.poll() is not None:
@@ -156,8 +166,17 @@ class Keeper:
             self._end()
             self._refuse_closed()
             if late:
+                what = f"is not ready after {STARTING:.0f} s"
                 break
-        what = f"is not ready after {STARTING:.0f} s" if late else f"ended with code {code}"
+            killed, fallen = killed + (code == KILLED), fallen + (code != KILLED)
+            if fallen >= STARTS:
+                what = f"ended with code {code}"
+                break
+            if killed >= KILLS:
+                what = f"was killed {KILLS} times"
+                break
+            if code == KILLED:
+                self._closed.wait(PAUSE * 2.0 ** (killed - 1))
         raise TridentifyError(
             f"found a worker's child process that {what} before its first record; expected "
             "Python with this package and memory to load it; raise memory_limit, or use fewer "

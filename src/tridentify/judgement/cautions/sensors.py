@@ -212,7 +212,7 @@ def _seen(
         if q < least:
             q = 0.0
         own.append(_coarse(y, q, noise, name + where))
-        own += _saturated(y, f, u, q, noise, repeated, name + where)
+        own.append(_saturated(y, f, u, q, noise, repeated, name + where))
         if repeats is None:
             own.append(hanging(y, f, u, q, noise, repeated, name + where))
         yield from ((seen, name) for seen in own if seen is not None)
@@ -255,45 +255,78 @@ def _coarse(y: Array, q: float, noise: float, name: str) -> Seen | None:
     )
 
 
+class _Limit(NamedTuple):
+    """A plateau at an end of the values."""
+
+    side: float
+    """1 at the largest value, -1 at the smallest."""
+    value: float
+    at: NDArray[np.bool_]
+    beyond: bool
+    """Whether the model goes on where the samples stay; else they are cut off in motion."""
+
+
 def _saturated(
     y: Array, f: Array, u: Array, q: float, noise: float, repeated: Runs, name: str
-) -> list[Seen]:
+) -> Seen | None:
     """Plateaus at the largest and the smallest value, inside of what the model says."""
-    found = []
+    ends = ((1.0, float(np.fmax.reduce(y))), (-1.0, float(np.fmin.reduce(y))))
+    tried = (_at_end(y, f, u, q, noise, repeated, side, value) for side, value in ends)
+    found = [one for one in tried if one is not None]
+    if not found:
+        return None
+    span = ends[0][1] - ends[1][1]
+    at = np.any([one.at for one in found], axis=0)
+    words = {1.0: ("largest", ">="), -1.0: ("smallest", "<=")}
+    values = " or ".join(f"its {words[one.side][0]} value {one.value:.6g}" for one in found)
+    bad = " or ".join(
+        f"{words[one.side][1]} {one.value - one.side * NEAR * span:.6g}" for one in found
+    )
+    beyond = all(one.beyond for one in found)
+    where = "where the model goes beyond" if beyond else "cut off in motion"
+    places = np.flatnonzero(at)
+    return Seen(
+        "saturation",
+        "error",
+        f"{places.size} samples of {name} stay at {values}, {where}: the sensor or its converter "
+        "is saturated there.",
+        f"Mark as missing (nan, record.mask) where it is {bad}, or record again with a wider "
+        "range.",
+        (int(places[0]), int(places[-1])),
+    )
+
+
+def _at_end(
+    y: Array,
+    f: Array,
+    u: Array,
+    q: float,
+    noise: float,
+    repeated: Runs,
+    side: float,
+    limit: float,
+) -> _Limit | None:
+    """The limit that one end of the values is; None where it is a peak, or the system's rest."""
     span = float(np.fmax.reduce(y) - np.fmin.reduce(y))
-    for side, limit in ((1.0, float(np.fmax.reduce(y))), (-1.0, float(np.fmin.reduce(y)))):
-        at = y == limit
-        plateaus = repeated.value == limit
-        if at.sum() < FEWEST_AT_LIMIT or not plateaus.any():
-            continue
-        as_long = _inner(repeated, y) & (repeated.length >= repeated.length[plateaus].max())
-        beside = zip(repeated.first[as_long], repeated.length[as_long], strict=True)
-        # where the model rests too it is the system that stands
-        if any(np.ptp(f[k : k + n]) > max(q, noise) for k, n in beside):
-            continue
-        first = repeated.first[plateaus]
-        entered = np.abs(y[first[first > 0]] - y[first[first > 0] - 1])
-        entered = entered[np.isfinite(entered)]
-        if not entered.size or not float(np.median(entered)) > max(JUMP * span, 1.5 * q):
-            continue
-        inside = side * (f[at] - limit)
-        beyond = float(inside.mean()) > max(BEYOND_NOISE * noise / math.sqrt(inside.size), 0.5 * q)
-        if beyond or _piled(y, u, q, repeated, plateaus, side):
-            sign, word = (">=", "largest") if side > 0 else ("<=", "smallest")
-            where = "where the model goes beyond" if beyond else "cut off in motion"
-            ends = np.flatnonzero(at)
-            found.append(
-                Seen(
-                    "saturation",
-                    "error",
-                    f"{int(at.sum())} samples of {name} stay at its {word} value {limit:.6g}, "
-                    f"{where}: the sensor or its converter is saturated there.",
-                    "Mark as missing (nan, record.mask) where it is "
-                    f"{sign} {limit - side * NEAR * span:.6g}, or record again with a wider range.",
-                    (int(ends[0]), int(ends[-1])),
-                )
-            )
-    return found
+    at = y == limit
+    plateaus = repeated.value == limit
+    if at.sum() < FEWEST_AT_LIMIT or not plateaus.any():
+        return None
+    as_long = _inner(repeated, y) & (repeated.length >= repeated.length[plateaus].max())
+    beside = zip(repeated.first[as_long], repeated.length[as_long], strict=True)
+    # where the model rests too it is the system that stands
+    if any(np.ptp(f[k : k + n]) > max(q, noise) for k, n in beside):
+        return None
+    first = repeated.first[plateaus]
+    entered = np.abs(y[first[first > 0]] - y[first[first > 0] - 1])
+    entered = entered[np.isfinite(entered)]
+    if not entered.size or not float(np.median(entered)) > max(JUMP * span, 1.5 * q):
+        return None
+    inside = side * (f[at] - limit)
+    beyond = float(inside.mean()) > max(BEYOND_NOISE * noise / math.sqrt(inside.size), 0.5 * q)
+    if not (beyond or _piled(y, u, q, repeated, plateaus, side)):
+        return None
+    return _Limit(side, limit, at, beyond)
 
 
 def _piled(
