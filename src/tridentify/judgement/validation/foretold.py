@@ -3,8 +3,9 @@
 The response of such a model runs away from any record, and is not laid beside one. What is fitted
 is a predictor (`closed_loop.predictor`); its errors are white, or what the model of the noise makes
 of white noise, where plant and noise are right. Start, offset and levels of the inputs are those
-that suit the record best. Where there is no such predictor (several outputs, uneven time), nothing
-is tested, and that is said.
+that suit the record best. The input of a continuous controller is neither held nor straight between
+the samples: held references make it jump there, and it is on its way to where it jumps from. Where
+there is no such predictor (several outputs, uneven time), nothing is tested, and that is said.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ import numpy as np
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
+from tridentify.estimation.closed_loop.as_recorded import Foretold, jumps
+from tridentify.estimation.closed_loop.between_samples import Loop, with_input
 from tridentify.estimation.closed_loop.joint import Together
 from tridentify.estimation.closed_loop.unstable_answer import open_loops
 from tridentify.estimation.methods.in_loop import looked_for, plant_of
@@ -114,10 +117,26 @@ def _at(estimate: Estimate, records: Sequence[Record]) -> Together | None:
         plant = plant_of(estimate)
         plant = sought.within(plant, None, sought.known(plant.scale))
         noise = np.array(estimate.noise_model[0]) if estimate.noise_model else np.zeros(0)
-        found = Together.at(open_loops(records), plant, noise)
+        taken = estimate.loop
+        moving = taken is not None and taken.sampling == "continuous"
+        loops = _moving(records) if moving else open_loops(records)
+        found = Together.at(loops, plant, noise)
         return found if np.isfinite(found.size) and found.size > 0 else None
     except (TridentifyError, np.linalg.LinAlgError, ValueError):
         return None
+
+
+def _moving(records: Sequence[Record]) -> list[Loop]:
+    """Records whose inputs a continuous controller makes of its references and the output.
+
+    Without a reference nothing tells the jumps from the rest, and it is as recorded.
+    """
+    found = []
+    for record, plain in zip(records, open_loops(records), strict=True):
+        u = np.asarray(record.u)
+        ahead = Foretold(with_input(record, u, "foh"), u - jumps(record))
+        found.append(plain if record.reference is None else Loop(ahead, "continuous"))
+    return found
 
 
 def _tests(there: Together, records: Sequence[Record], level: float) -> tuple[Check, ...]:
