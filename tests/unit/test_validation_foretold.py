@@ -95,6 +95,15 @@ def test_a_direct_part_is_no_loop_and_is_named(seed: int) -> None:
     assert (told.findings[0].code, "2 zeros" in told.findings[0].message) == ("order-low", True)
 
 
+@pytest.mark.unjudged
+def test_a_loop_without_its_reference_is_told_of_no_response() -> None:
+    """There the controller makes inputs of past noise, and so do mirrored poles the errors."""
+    record = record_of(TransferFunction([9.0], [1.0, 1.2, 9.0]), 3)
+    told = validate(replace(foretold(record, Structure(1, 0)), route="reference"), record)
+    assert [one.name for one in told.tests] == ["white"]
+    assert any("--reference" in one for one in told.notes)
+
+
 GAIN = 4.0
 
 
