@@ -20,7 +20,7 @@ def held():
     return replace(found, route="reference", loop=LoopTaken("sampled", mirrored=True)), record
 
 
-def said(held, a1, a0, std_a1, std_a0):
+def all_said(held, a1, a0, std_a1, std_a0):
     estimate, record = held
     model = TransferFunction([1.0], [1.0, a1, a0])
     own = replace(
@@ -29,7 +29,19 @@ def said(held, a1, a0, std_a1, std_a0):
         theta=np.array([a1, a0, 1.0]),
         cov=np.diag([std_a1, std_a0, 0.01]) ** 2,
     )
-    return {one.code: one.message for one in coefficient_findings(own, [record])}
+    return coefficient_findings(own, [record])
+
+
+def said(*how):
+    return {one.code: one.message for one in all_said(*how)}
+
+
+@pytest.mark.parametrize("a0", [1e-3, -1e-3], ids=["left", "right"])
+def test_an_integrator_is_told_once_whatever_the_sign_of_its_pole(held, a0):
+    (told,) = all_said(held, 1.0, a0, 1e-3, 2e-3)
+    assert told.severity == "note"
+    assert "integrates" in told.message
+    assert "+/-" in told.message
 
 
 @pytest.mark.parametrize(

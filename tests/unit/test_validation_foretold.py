@@ -7,8 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tridentify import Record, Structure, TransferFunction, identify, simulate, validate
+from tridentify import (
+    Record,
+    Structure,
+    ThreeModel,
+    TransferFunction,
+    identify,
+    simulate,
+    validate,
+)
 from tridentify.estimation.answer.loop_taken import LoopTaken
+from tridentify.estimation.closed_loop.as_recorded import jumps
 from tridentify.judgement.causes.attempts.told_apart import loop_findings, rests
 
 DT, N = 0.05, 400
@@ -84,3 +93,45 @@ def test_a_direct_part_is_no_loop_and_is_named(seed: int) -> None:
     assert estimate.route == "open-loop"
     told = validate(estimate, record)
     assert (told.findings[0].code, "2 zeros" in told.findings[0].message) == ("order-low", True)
+
+
+@pytest.mark.unjudged
+def test_a_loop_without_its_reference_is_told_of_no_response() -> None:
+    """There the controller makes inputs of past noise, and so do mirrored poles the errors."""
+    record = record_of(TransferFunction([9.0], [1.0, 1.2, 9.0]), 3)
+    told = validate(replace(foretold(record, Structure(1, 0)), route="reference"), record)
+    assert [one.name for one in told.tests] == ["white"]
+    assert any("--reference" in one for one in told.notes)
+
+
+GAIN = 4.0
+
+
+def continuous_loop(seed: int, noise: float) -> Record:
+    """An integrator whose proportional controller works at all times, with a switched reference."""
+    rng = np.random.default_rng(seed)
+    r = np.repeat(rng.choice([-1.0, 1.0], N // 8), 8)
+    y, left = np.zeros(N), np.exp(-GAIN * DT)
+    for k in range(N - 1):
+        y[k + 1] = r[k] + (y[k] - r[k]) * left
+    told = y + noise * rng.standard_normal(N)
+    return Record(GAIN * (r - y), told, dt=DT, reference=r)
+
+
+@pytest.mark.unjudged
+def test_an_input_jumps_where_its_reference_does_and_with_it_alone() -> None:
+    record = continuous_loop(0, 0.0)
+    moves = np.diff(record.reference, axis=0, prepend=record.reference[:1])
+    np.testing.assert_allclose(jumps(record), GAIN * moves, atol=1e-9)
+    assert not jumps(Record(record.u, record.y, dt=DT)).any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_what_a_continuous_controller_does_between_the_samples_is_no_response(seed: int) -> None:
+    record = continuous_loop(seed, 0.01)
+    estimate = identify(record, Structure(1, 0), ThreeModel(controller="continuous"))
+    assert estimate.loop.mirrored
+    told = validate(estimate, record)
+    assert told.ok
+    assert [one.name for one in told.tests] == ["white", "past references"]

@@ -21,6 +21,8 @@ MOST_LAGS = 6
 """Past samples that an input is foretold from."""
 PER_COLUMN = 15
 """Samples for each of their columns, at least."""
+RANK = 1e-12
+"""Singular value over the largest up to which such columns are taken as dependent."""
 ROUNDS = 15
 """Weighted fits; the weights stand still after about ten."""
 LARGE = 3.0
@@ -100,7 +102,8 @@ class Foretold(AsRecorded):
     Attributes
     ----------
     ahead : (n_samples, n_inputs) array
-        What the past of input and output foretells of the input at every sample.
+        What the past of input and output foretells of the input at every sample; or what it was
+        just before.
     """
 
     ahead: Array
@@ -117,6 +120,28 @@ class Foretold(AsRecorded):
         return found
 
 
+def jumps(record: Record) -> Array:
+    """(n_samples, n_inputs) by how much held references move the inputs at the samples themselves.
+
+    Least squares of the inputs on those moves, beside the past of all signals.
+    """
+    u, r = np.asarray(record.u), record.reference
+    if r is None or record.reference_behaviour != "zoh":
+        return np.zeros(u.shape)
+    moves = np.diff(r, axis=0, prepend=r[:1])
+    past, lags = _past(np.column_stack([u, AsRecorded(record).outputs, r]))
+    columns = np.hstack([moves[lags:], past])
+    known = np.linalg.lstsq(columns, u[lags:], rcond=RANK)[0]
+    return np.asarray(moves @ known[: r.shape[1]])
+
+
+def _past(signals: Array) -> tuple[Array, int]:
+    """Signals of some samples before, a constant beside them; and of how many."""
+    lags = min(MOST_LAGS, max(1, len(signals) // (PER_COLUMN * signals.shape[1])))
+    past = np.hstack([signals[lags - k : len(signals) - k] for k in range(1, lags + 1)])
+    return np.column_stack([past - past.mean(axis=0), np.ones(len(past))]), lags
+
+
 def foretold(record: Record) -> Array:
     """(n_samples, n_inputs) forecast of the inputs from the past of inputs and outputs.
 
@@ -124,15 +149,12 @@ def foretold(record: Record) -> Array:
     as foretold.
     """
     u, y = np.asarray(record.u), AsRecorded(record).outputs
-    signals = np.column_stack([u, y])
-    lags = min(MOST_LAGS, max(1, len(u) // (PER_COLUMN * signals.shape[1])))
-    past = np.hstack([signals[lags - k : len(u) - k] for k in range(1, lags + 1)])
-    past = np.column_stack([past - past.mean(axis=0), np.ones(len(past))])
+    past, lags = _past(np.column_stack([u, y]))
     found = np.array(u)
     for j, own in enumerate(u[lags:].T):
         weights = np.ones(len(own))
         for _ in range(ROUNDS):
-            known = np.linalg.lstsq(past * weights[:, None], own * weights, rcond=1e-12)[0]
+            known = np.linalg.lstsq(past * weights[:, None], own * weights, rcond=RANK)[0]
             left = np.abs(own - past @ known)
             size = LARGE * NORMAL * float(np.median(left)) + 1e-300
             weights = np.minimum(1.0, size / np.maximum(left, 1e-300))

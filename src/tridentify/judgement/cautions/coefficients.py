@@ -17,6 +17,8 @@ from tridentify.record.record import Record
 
 SLOW = "the record shows the beginning of its response alone"
 """What is said of a pole that is slower than that."""
+INTEGRATES = "or integrates: "
+"""What is said of it in a loop, with the pole's error: its sign is chance."""
 
 OVER_WITHIN = 3.0
 """Steps over a time constant from which a response is over within a sample: to a twentieth."""
@@ -45,7 +47,9 @@ def coefficient_findings(estimate: Estimate, records: Sequence[Record]) -> list[
     outside = _outside(estimate, records)
     longest = max(record.duration for record in records)
     not_stable, at_zero = _not_stable(estimate, longest)
-    if any(SLOW in one.message for one in outside):
+    if any(INTEGRATES in one.message for one in not_stable):
+        outside = [one for one in outside if SLOW not in one.message]
+    elif any(SLOW in one.message for one in outside):
         at_zero = max(at_zero, 1)
     return [
         *_no_response(estimate, records),
@@ -143,14 +147,14 @@ def _not_stable(estimate: Estimate, longest: float) -> tuple[list[Finding], int]
     errors[np.isnan(errors)] = np.inf
     right = int(np.argmax(poles.real))
     value, std, pair = poles[right].real, errors[right], bool(poles[right].imag)
-    if stable and not pair:  # one that is slower than the record is told as that
+    slow = (np.abs(poles) * longest < 1.0) & (np.abs(poles.real) < UNSURE * errors)
+    if stable and not pair and not slow[right]:
         return [], 0
     if abs(value) < UNSURE * std:
-        slow = (np.abs(poles) * longest < 1.0) & (np.abs(poles.real) < UNSURE * errors)
-        which = "is hardly damped" if pair and not slow[right] else "integrates"
+        which = "or is hardly damped: " if pair and not slow[right] else INTEGRATES
         what = "pair of poles with a real part" if pair else "pole"
         said = (
-            f"The plant is not stable, or {which}: its {what} of {value:.2g} +/- {std:.2g} "
+            f"The plant is not stable, {which}its {what} of {value:.2g} +/- {std:.2g} "
             "rad/s cannot be told from one at zero."
         )
         remedy = "Fix it there if the plant integrates."

@@ -3,8 +3,9 @@
 The response of such a model runs away from any record, and is not laid beside one. What is fitted
 is a predictor (`closed_loop.predictor`); its errors are white, or what the model of the noise makes
 of white noise, where plant and noise are right. Start, offset and levels of the inputs are those
-that suit the record best. Where there is no such predictor (several outputs, uneven time), nothing
-is tested, and that is said.
+that suit the record best. The input of a continuous controller is neither held nor straight between
+the samples: held references make it jump there, and it is on its way to where it jumps from. Where
+there is no such predictor (several outputs, uneven time), nothing is tested, and that is said.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ import numpy as np
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
+from tridentify.estimation.closed_loop.as_recorded import Foretold, jumps
+from tridentify.estimation.closed_loop.between_samples import Loop, with_input
 from tridentify.estimation.closed_loop.joint import Together
 from tridentify.estimation.closed_loop.unstable_answer import open_loops
 from tridentify.estimation.methods.in_loop import looked_for, plant_of
@@ -37,6 +40,10 @@ NO_RESPONSE_BESIDE = (
 LAGS = (0, 1, 2, 3, 4, 6, 8, 12, 16, 24)
 """Samples ago at which inputs are looked for in what the predictor leaves."""
 INPUTS, REFERENCES = "past inputs", "past references"
+NOT_GIVEN = (
+    "the model is of a loop with a reference, and without it whether part of the response is "
+    "missing was not tested (--reference NAME, in Python Record(reference=...))"
+)
 NOT_TESTED = "its predictor cannot be made of these records: nothing was tested"
 
 
@@ -80,7 +87,8 @@ def validate_foretold(
             notes=(NO_RESPONSE_BESIDE, NOT_TESTED),
         )
         return replace(nothing, innovations=none)
-    tests = _tests(there, records, level)
+    unknown = estimate.route == "reference" and any(one.reference is None for one in records)
+    tests = _tests(there, records, level, unknown)
     found = _findings(tests, estimate.output_names[0])
     grown = [one.predictor.amplification for one in there.ahead]
     errors = [one / size for one, size in zip(there.errors, grown, strict=True)]
@@ -99,7 +107,7 @@ def validate_foretold(
         verdict=f"{found[0].message[:-1]} ({where})."
         if found
         else f"Nothing speaks against the predictor of the model ({where}).",
-        notes=(NO_RESPONSE_BESIDE,),
+        notes=(NO_RESPONSE_BESIDE, *([NOT_GIVEN] if unknown else [])),
     )
     white = np.split(there.innovations / size, places)
     return replace(plain, tests=tests, innovations=tuple(one[:, None] for one in white))
@@ -114,19 +122,37 @@ def _at(estimate: Estimate, records: Sequence[Record]) -> Together | None:
         plant = plant_of(estimate)
         plant = sought.within(plant, None, sought.known(plant.scale))
         noise = np.array(estimate.noise_model[0]) if estimate.noise_model else np.zeros(0)
-        found = Together.at(open_loops(records), plant, noise)
+        taken = estimate.loop
+        moving = taken is not None and taken.sampling == "continuous"
+        loops = _moving(records) if moving else open_loops(records)
+        found = Together.at(loops, plant, noise)
         return found if np.isfinite(found.size) and found.size > 0 else None
     except (TridentifyError, np.linalg.LinAlgError, ValueError):
         return None
 
 
-def _tests(there: Together, records: Sequence[Record], level: float) -> tuple[Check, ...]:
+def _moving(records: Sequence[Record]) -> list[Loop]:
+    """Records whose inputs a continuous controller makes of its references and the output.
+
+    Without a reference nothing tells the jumps from the rest, and it is as recorded.
+    """
+    found = []
+    for record, plain in zip(records, open_loops(records), strict=True):
+        u = np.asarray(record.u)
+        ahead = Foretold(with_input(record, u, "foh"), u - jumps(record))
+        found.append(plain if record.reference is None else Loop(ahead, "continuous"))
+    return found
+
+
+def _tests(
+    there: Together, records: Sequence[Record], level: float, unknown: bool
+) -> tuple[Check, ...]:
     """Whether the innovations are white and know nothing of what moved the plant before.
 
     That is the references, where there are some: a controller made the inputs of past outputs, and
-    mirrored poles make the errors of past noise. Without them it is the inputs. Coefficients and
-    noise are taken as fitted to these records, to first order: on others that allows for their
-    errors.
+    mirrored poles make the errors of past noise. Without them it is the inputs; neither where the
+    references are ``unknown``. Coefficients and noise are taken as fitted to these records, to
+    first order: on others that allows for their errors.
     """
     name = records[0].output_names[0]
     finite = np.isfinite(there.columns).all()
@@ -137,6 +163,7 @@ def _tests(there: Together, records: Sequence[Record], level: float) -> tuple[Ch
     places = np.cumsum([one.size for one in seen])[:-1]
     lags = max(most_coefficients(there.count), there.noise.size + 4)
     found = autocorrelation_of_fit(np.split(left, places), seen, np.split(basis, places), lags)
+    values = {"white": portmanteau(found, there.noise).p_value}
     referred = [record.reference for record in records if record.reference is not None]
     outer = referred if len(referred) == len(records) else [record.u for record in records]
     what = REFERENCES if outer is referred else INPUTS
@@ -146,10 +173,8 @@ def _tests(there: Together, records: Sequence[Record], level: float) -> tuple[Ch
             for one, moves in zip(there.ahead, outer, strict=True)
         ]
     )
-    values = {
-        "white": portmanteau(found, there.noise).p_value,
-        what: added(left, basis, span(past, basis), there.count).p_value,
-    }
+    if not unknown:
+        values[what] = added(left, basis, span(past, basis), there.count).p_value
     rejected = holm(np.array(list(values.values())), 1.0 - level)
     pairs = zip(values.items(), rejected, strict=True)
     return tuple(Check(what, name, float(p), bool(far)) for (what, p), far in pairs)
