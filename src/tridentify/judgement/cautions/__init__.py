@@ -81,8 +81,8 @@ def judged(
     if not _unanswered(found):
         found += [*order_findings(estimate, records), *level_findings(estimate, records)]
         found += gain_findings(estimate, records, known)
-    if _unanswered(found):
-        # what no output answers may move as it likes
+    if _unanswered(found) and estimate.route != "reference":
+        # what no output answers may move as it likes; of a loop the kind of its controller is told
         between, found = None, [one for one in found if one.code != "intersample"]
     seen = [*outlier_findings(estimate, records, known)]
     found += response_as_noise(estimate)
