@@ -128,7 +128,7 @@ def test_a_refusal_that_is_clear_waits_for_no_stable_answer(monkeypatch):
     def sought(*_, **__):
         raise AssertionError("a stable answer was sought")
 
-    monkeypatch.setattr("tridentify.estimation.methods.by_reference.reference._white", sought)
+    monkeypatch.setattr("tridentify.estimation.methods.by_reference.reference.white_root", sought)
     with pytest.raises(UnstablePlantError, match="a delay that is to be estimated"):
         tri.identify(record_of(51), tri.Structure(2, 0, delay="free"), SAMPLED)
 
